@@ -1,5 +1,6 @@
 """simulate, Simulator and runs in lockstep: equal results; sensors; invalid arguments."""
 
+import re
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -214,7 +215,7 @@ def test_commands_that_do_not_fit_are_refused(joint, commands, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"rate": 0.0}, "rate must be finite and > 0 Hz, got 0.0"),
+        ({"rate": 0.0}, "rate must lie in (0, 1e+06] Hz, got 0.0"),
         ({"duration": -1.0}, "duration must be finite and >= 0 s, got -1.0"),
         ({"initial": InitialConditions((0.0, 1.0))}, "initial must be 6 finite numbers"),
         ({"initial": InitialConditions((0.0, 0.0, 0.0, np.inf, 0.0, 0.0))}, "initial must be 6 finite numbers"),
@@ -222,7 +223,7 @@ def test_commands_that_do_not_fit_are_refused(joint, commands, message):
     ],
 )
 def test_misuse_is_refused(arguments, message):
-    with pytest.raises(ParameterError, match=message):
+    with pytest.raises(ParameterError, match=re.escape(message)):
         simulate(JointPlant.from_device(rigid()), None, **{"duration": 0.1, "rate": RATE, **arguments})
 
 

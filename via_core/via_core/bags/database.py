@@ -12,11 +12,12 @@ from rosbags.rosbag2 import Reader
 from via_core.bags.container import ROW, Channel, Container, Messages, Schema
 from via_core.bags.definitions import definition_of
 from via_core.errors import BagError
+from via_core.limits import require_regular
 
 
 def databases_of(path: Path) -> list[Path]:
     """What `read_database` takes to read a bag: the bag with its metadata, or else each .db3 file."""
-    if path.is_file():
+    if not path.is_dir():
         return [path] if path.suffix == ".db3" else []
     found = sorted(each for each in path.iterdir() if each.suffix in (".db3", ".zstd") and ".db3" in each.name)
     return [path] if found and (path / "metadata.yaml").is_file() else [each for each in found if each.suffix == ".db3"]
@@ -32,6 +33,7 @@ def read_database(path: Path, wanted: Callable[[str], bool] = lambda topic: True
     payloads: dict[int, list[bytes]] = {}
     rows: dict[int, list[tuple[int, ...]]] = {}
     try:
+        require_regular(path)
         with Reader(path) as reader:
             chosen = [each for each in reader.connections if wanted(each.topic)]
             for each in chosen:
