@@ -1,6 +1,7 @@
 """simulate, Simulator and runs in lockstep: equal results; sensors; invalid arguments."""
 
 import re
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
