@@ -55,7 +55,7 @@ def _shipped() -> dict[str, Path]:
 
 
 def _run(path: Path, words: list[str], show: bool) -> None:
-    from via_bringup.cli.ros.launch_files import arguments, configured, described, nodes, text
+    from via_bringup.cli.ros.launch_files import arguments, configured, described, environment, nodes, text
 
     entities = described(path)
     if show:
@@ -68,7 +68,7 @@ def _run(path: Path, words: list[str], show: bool) -> None:
         raise ViaError(f"launch arguments have the form NAME:=VALUE, got {wrong[0]!r}")
     context = configured(entities, dict(each.split(":=", 1) for each in words))
     commands = [(each.name or each.executable, each.command(context)) for each in nodes(entities, context)]
-    raise typer.Exit(_together(commands))
+    raise typer.Exit(_together(commands, environment(entities, context)))
 
 
 class _Names(dict[str, str]):
@@ -81,11 +81,14 @@ class _Names(dict[str, str]):
         return name.upper()
 
 
-def _together(commands: list[tuple[str, list[str]]]) -> int:
-    """Run the commands until all have ended; on a signal end them. Returns 1 if one failed by itself."""
+def _together(commands: list[tuple[str, list[str]]], variables: dict[str, str]) -> int:
+    """Run the commands with the environment `variables` until all have ended; on a signal end them.
+
+    Returns 1 if one failed by itself.
+    """
     signal.set_wakeup_fd(-1)  # here nodes may take longer to end
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    environment = {**os.environ, **variables, "PYTHONUNBUFFERED": "1"}
     running: list[tuple[str, subprocess.Popen[str]]] = []
     failed = False
     try:

@@ -7,6 +7,7 @@ and the meaning of the one it replaces. A file that uses another class is refuse
 from __future__ import annotations
 
 import json
+import os
 import runpy
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -70,6 +71,18 @@ class PythonExpression(Substitution):
 
 
 @dataclass(frozen=True)
+class EnvironmentVariable(Substitution):
+    name: Any
+    default_value: Any = None
+
+    def perform(self, context: Context) -> str:
+        name = text(self.name, context)
+        if name not in os.environ and self.default_value is None:
+            raise ViaError(f"environment variable {name} is not set")
+        return os.environ[name] if name in os.environ else text(self.default_value, context)
+
+
+@dataclass(frozen=True)
 class IfCondition:
     predicate: Any
 
@@ -104,6 +117,12 @@ class DeclareLaunchArgument:
     name: str
     default_value: Any = None
     description: str = ""
+
+
+@dataclass(frozen=True)
+class SetEnvironmentVariable:
+    name: Any
+    value: Any
 
 
 @dataclass(frozen=True)
@@ -145,9 +164,9 @@ class LaunchDescription:
 
 MODULES: dict[str, tuple[type, ...]] = {
     "launch": (LaunchDescription, type("LaunchContext", (dict,), {})),
-    "launch.actions": (DeclareLaunchArgument, OpaqueFunction),
+    "launch.actions": (DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable),
     "launch.conditions": (IfCondition, UnlessCondition),
-    "launch.substitutions": (LaunchConfiguration, PathJoinSubstitution, PythonExpression),
+    "launch.substitutions": (EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution, PythonExpression),
     "launch_ros": (),
     "launch_ros.actions": (Node,),
     "launch_ros.parameter_descriptions": (ParameterValue,),
@@ -204,6 +223,12 @@ def nodes(entities: Iterable[Any], context: Context) -> Iterator[Node]:
             yield from nodes(each.function(context), context)
         elif isinstance(each, Node) and (each.condition is None or each.condition.holds(context)):
             yield each
+
+
+def environment(entities: Iterable[Any], context: Context) -> dict[str, str]:
+    """The environment variables that a launch file sets for its nodes, by name."""
+    variables = [each for each in entities if isinstance(each, SetEnvironmentVariable)]
+    return {text(each.name, context): text(each.value, context) for each in variables}
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from via_bringup.cli.console import errors
 
 QUIET = 1.2  # [s] without a change after which discovery counts as complete
 LONGEST = 5.0  # [s] of discovery
-PATIENCE = 2.0  # [s] after which a line names what is awaited
+PATIENCE = 4.0  # [s] after which a line names what is awaited
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections import deque
@@ -37,9 +38,9 @@ def info(topic: Topic) -> None:
     """Show type, publishers and subscribers of a topic, with their QoS."""
     with session() as now:
         name = absolute(topic)
-        now.discover()
-        if name not in now.topics():
+        if not now.discover(lambda: name in now.topics()):
             raise ViaError(f"no topic {name}; there are: {', '.join(sorted(now.topics())) or 'none'}")
+        now.discover()  # its other ends
         answers.print(f"type: {', '.join(now.topics()[name])}")
         for role, found in (
             ("publishers", now.node.get_publishers_info_by_topic(name)),
@@ -62,16 +63,21 @@ def echo(
     """Print the messages of a topic as YAML until interrupted."""
     with session() as now:
         done: list[bool] = []
+        closed: list[bool] = []
 
         def take(message: Any) -> None:
             if done and once:
                 return
             part = member(message, field) if field else message
-            print(shown(part, None if full else LONGEST), end="---\n", flush=True)
+            try:
+                print(shown(part, None if full else LONGEST), end="---\n", flush=True)
+            except BrokenPipeError:  # the reader has enough: `via topic echo .. | head`
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                closed.append(True)
             done.append(True)
 
         _subscribe(now, topic, type_name, take)
-        now.wait(lambda: once and bool(done))
+        now.wait(lambda: bool(closed) or (once and bool(done)))
 
 
 def hz(
