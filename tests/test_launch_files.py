@@ -67,6 +67,7 @@ def test_data_arrive_and_ctrl_c_ends_every_node(graph, folder, name):
             listener.create_subscription(message_class(kinds[0]), topic, received.append, qos.SAMPLES, raw=True)
         return bool(received)
 
+    started: list[psutil.Process] = []
     try:
         graph.until(arrived)
         started = psutil.Process(process.pid).children()
@@ -74,7 +75,9 @@ def test_data_arrive_and_ctrl_c_ends_every_node(graph, folder, name):
         process.send_signal(signal.SIGINT)
         assert process.wait(60) == INTERRUPTED
     finally:
-        process.kill()
+        left = [] if process.poll() is not None else psutil.Process(process.pid).children()
+        for each in (process, *left):
+            each.kill()
     assert not [each for each in started if each.is_running() and each.status() != psutil.STATUS_ZOMBIE]
     text = log.read_text()
     assert text.endswith("interrupted\n") and "Traceback" not in text and "exit code" not in text
@@ -104,7 +107,7 @@ def test_the_law_chooses_the_controller():
     ("given", "complaint"),
     [
         ({}, r"add device:=VALUE, device name or path"),
-        ({"device": "cubic_demo", "speed": "1"}, "no launch argument speed; there are: bag, device, method, rate"),
+        ({"device": "cubic_demo", "speed": "1"}, "no launch argument speed; there are: bag, device, discovery, method, rate"),
     ],
 )
 def test_wrong_arguments_are_named(given, complaint):
