@@ -107,7 +107,10 @@ def test_the_law_chooses_the_controller():
     ("given", "complaint"),
     [
         ({}, r"add device:=VALUE, device name or path"),
-        ({"device": "cubic_demo", "speed": "1"}, "no launch argument speed; there are: bag, device, discovery, method, rate"),
+        (
+            {"device": "cubic_demo", "speed": "1"},
+            "no launch argument speed; there are: bag, device, discovery, method, rate",
+        ),
     ],
 )
 def test_wrong_arguments_are_named(given, complaint):
