@@ -37,12 +37,12 @@ CASES = {
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder with the bag `played`: half a minute of a moving joint at 100 Hz."""
+    """A folder with the bag `played`: five minutes of a moving joint at 100 Hz, longer than the test."""
     writer = JointStateWriter(PLAYED)
     writer.effort[1:] = 0.0
     with BagWriter(tmp_path / "played") as bag:
         bag.add_topic("/joint_states", "sensor_msgs/msg/JointState")
-        for k in range(3000):
+        for k in range(30_000):
             writer.position[:] = 0.2 * np.sin(0.05 * k)
             bag.write("/joint_states", serialize_message(writer.stamped(k * 10**7)), log_time=k * 10**7)
     return tmp_path

@@ -57,6 +57,8 @@ def via(graph, *words: str, end=lambda out, err: False) -> Done:
 
     try:
         graph.until(ended, 90.0)
+    except AssertionError as error:
+        raise AssertionError(f"{' '.join(words)} did not end: {printed}") from error
     finally:
         process.kill()
     for each in readers:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from via_bringup.cli.console import errors, working
-from via_bringup.cli.interrupts import end_on_interrupt, leave
+from via_bringup.cli.interrupts import ending_on_interrupt, leave
 
 STAMP = ".via-kernels"  # file in NUMBA_CACHE_DIR that marks a complete cache
 AMPLITUDE = 0.3  # [rad] of the simulated motion
@@ -57,8 +57,8 @@ def compile_kernels(progress: Callable[[float], None]) -> None:
 
 
 if __name__ == "__main__":
-    end_on_interrupt()
-    try:
-        main()
-    except KeyboardInterrupt:
-        leave()
+    with ending_on_interrupt():
+        try:
+            main()
+        except KeyboardInterrupt:
+            leave()

@@ -14,7 +14,7 @@ from via_core.errors import ViaError
 
 from via_bringup.cli.console import answers, errors
 from via_bringup.cli.deferred import Entry, add
-from via_bringup.cli.interrupts import end_on_interrupt, leave
+from via_bringup.cli.interrupts import ending_on_interrupt, leave
 
 PLUGINS = "via.commands"  # entry point group; each entry point is a dict like COMMANDS
 GROUPS = {
@@ -203,12 +203,12 @@ def via(
 
 def main() -> None:
     """Run the command. A ViaError or file system error is printed in one line, with exit code 2."""
-    end_on_interrupt()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # for file names that are not valid Unicode
     try:
-        app()
+        with ending_on_interrupt():
+            app()
     except ViaError as error:
         _end(str(error))
     except OSError as error:

@@ -6,7 +6,8 @@ import os
 import signal
 import sys
 import threading
-import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NoReturn
 
 from via_bringup.cli.console import errors
@@ -15,23 +16,33 @@ PATIENCE = 0.6  # [s] in which Python ends by KeyboardInterrupt; a kernel that c
 INTERRUPTED = 130  # exit code
 
 
-def end_on_interrupt() -> None:
-    """Raise KeyboardInterrupt at SIGINT; end the process after PATIENCE if it is then still busy.
+@contextmanager
+def ending_on_interrupt() -> Iterator[None]:
+    """Inside, SIGINT raises KeyboardInterrupt; a process that is still busy PATIENCE later ends.
 
     Python runs signal handlers between bytecodes only, so a thread watches the signals through the wake-up pipe.
     """
     end, begin = os.pipe()
     os.set_blocking(begin, False)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.set_wakeup_fd(begin, warn_on_full_buffer=False)
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    wakeup = signal.set_wakeup_fd(begin, warn_on_full_buffer=False)
+    over = threading.Event()
 
     def watch() -> None:
-        while os.read(end, 1) != bytes([signal.SIGINT]):
+        while (number := os.read(end, 1)) not in (bytes([signal.SIGINT]), b""):
             pass
-        time.sleep(PATIENCE)
-        leave()
+        os.close(end)
+        if number and not over.wait(PATIENCE):
+            leave()
 
     threading.Thread(target=watch, name="interrupt", daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
+        signal.set_wakeup_fd(wakeup)
+        signal.signal(signal.SIGINT, handler)
+        os.close(begin)
 
 
 def leave() -> NoReturn:

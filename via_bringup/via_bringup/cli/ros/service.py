@@ -7,12 +7,15 @@ from typing import Annotated
 import typer
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from rclpy.task import Future
 from via_core.errors import ViaError
 from via_ros.interfaces import interface_class
 
 from via_bringup.cli.console import answers, errors
-from via_bringup.cli.ros.session import PATIENCE, absolute, session
+from via_bringup.cli.ros.session import Session, absolute, session
 from via_bringup.cli.ros.values import filled, shown
+
+CANCELLING = 0.5  # [s] until a goal is cancelled
 
 
 def list_services(
@@ -51,20 +54,28 @@ def send(
         client = ActionClient(now.node, kind, absolute(action))
         now.until(client.server_is_ready, f"action {absolute(action)}")
         hear = (lambda each: print(shown(each.feedback), "---", sep="", flush=True)) if feedback else None
-        handle = now.result(client.send_goal_async(goal, feedback_callback=hear))
-        if not handle.accepted:
-            raise ViaError(f"{absolute(action)} refused the goal")
+        now.discover()  # the server must have found this client, or its answers are lost
+        sent = client.send_goal_async(goal, feedback_callback=hear)
         try:
+            handle = now.result(sent)
+            if not handle.accepted:
+                raise ViaError(f"{absolute(action)} refused the goal")
             outcome = now.result(handle.get_result_async())
         except KeyboardInterrupt:
-            cancelled = handle.cancel_goal_async()
-            if not now.wait(cancelled.done, PATIENCE / 4):
-                errors.print("the goal may still run: its cancellation was not confirmed")
+            _cancel(now, sent)
             raise
     print(shown(outcome.result), end="")
     if outcome.status != GoalStatus.STATUS_SUCCEEDED:
         ended = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "cancelled"}
         raise ViaError(f"the goal was {ended.get(outcome.status, 'not reached')}")
+
+
+def _cancel(now: Session, sent: Future) -> None:
+    """Cancel a goal that was sent; a line says so if that is not confirmed."""
+    if now.wait(sent.done, CANCELLING) and not sent.result().accepted:
+        return
+    if not (sent.done() and now.wait(sent.result().cancel_goal_async().done, CANCELLING)):
+        errors.print("the goal may still run: its cancellation was not confirmed")
 
 
 def list_nodes() -> None:

@@ -105,6 +105,7 @@ class Session:
         """Response of a service, which is awaited."""
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready, f"service {name}", self._services)
+        self.discover()  # the server must have found this client, or its answer is lost
         return self.result(client.call_async(request))
 
     def _services(self) -> list[str]:
