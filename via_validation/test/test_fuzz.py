@@ -10,7 +10,8 @@ from via_validation.fuzz.inputs import Kind, damaged, kinds
 def test_damaged_files_are_read_or_refused(kind):
     assert set(kinds()) == {"device", "mapping", "effects", "commands", "bag", "report"}
     (result,) = run.batches(kind, 100, seed=1)
-    assert result.faults == [] and result.read + result.refused == 100 and result.refused > 0
+    assert result.faults == [] and result.read + result.refused == 100
+    assert result.refused > 0 or kind == "bag"  # what is sound in a damaged bag is read, with remarks
 
 
 def test_a_loader_that_raises_something_else_is_a_fault(monkeypatch):
