@@ -269,7 +269,7 @@ def ended(name, *parameters, folder, environment=(), **options):
 
 def complaints(errors):
     """Lines of a node's standard error without those that say what it does."""
-    return [line for line in errors.strip().splitlines() if not line.startswith("[INFO]")]
+    return [line for line in errors.strip().splitlines() if not line.startswith(("[INFO]", "[WARN]"))]
 
 
 @pytest.mark.parametrize(
