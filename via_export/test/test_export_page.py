@@ -18,7 +18,7 @@ HEAD = """# Export to other simulators
 
 ```
 via export report.json --device my_joint.yaml --out my_joint.xml                     # a model of the joint alone
-via export report.json --device my_joint.yaml --into robot.xml --joint elbow --out repaired.xml
+via export repair.yaml --device my_joint.yaml --to urdf --into robot.urdf --joint elbow --out repaired.urdf
 via export report.json --device my_joint.yaml --check my_bag --out my_joint.xml      # MuJoCo simulates the log
 ```
 
@@ -27,7 +27,7 @@ from via_core.devices import load_device
 from via_export import check, export
 from via_sim.effects.files import load_effects
 
-made = export(load_device("xl330"), load_effects("repair.yaml"), "urdf")   # text, losses, notes
+made = export(load_device("my_joint.yaml"), load_effects("repair.yaml"), "urdf")   # text, losses, notes
 ```
 
 With `--into` the given file (MuJoCo, URDF, SDF or BAM) is edited and written to `--out`: the joint gets the friction,
