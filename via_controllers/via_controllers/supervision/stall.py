@@ -5,8 +5,11 @@ While a position is the same bit by bit, the motor equation gives the travel tha
 
     B vdot = net - D v,   net = tau + tau_e(phi) beyond F,   F = share |limit| + error (|tau| + |tau_e|)
 
-F is what dry friction and errors of torques can hold. Beyond TRAVEL, coarser than any encoder, the motor is stalled. It
-recovers when its position changes, at the earliest after REST, or when the controller is switched on or off.
+F is what dry friction and errors of torques can hold. Beyond TRAVEL, coarser than any encoder, a motor is stalled, and
+all motors rest. Torques that never acted look alike, such as commands that a robot lost while it started, and a joint
+that rests without torque shows no difference either. So the torque returns after REST, and after twice as long each
+time that it moves nothing: what a frozen sensor lets through becomes ever rarer. The rest is REST again once all
+positions have changed, or when the controller is switched on or off.
 """
 
 from __future__ import annotations
@@ -22,7 +25,8 @@ from via_controllers.contract import ArmSample
 from via_controllers.supervision.arm_limits import LimitedArm
 
 TRAVEL = 0.02  # [rad]
-REST = 0.5  # [s]
+REST = 1.0  # [s], the first one
+LONGEST_REST = 64.0  # [s]
 FRICTION = 0.1  # [-] dry friction over the torque limit
 ERROR = 0.2  # [-] error of the torques of motor and spring
 
@@ -34,8 +38,8 @@ class Stall:
     time: float  # [s]
     theta: Array  # (n,) [rad]
     travel: Array  # (2, n) [rad], [rad/s] that the torque must have caused since the position changed last
-    stalled: Array  # (n,) whether the position has not changed since the motor was found stalled
     until: float = -inf  # [s] end of the rest
+    rest: float = REST  # [s] of the next rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,33 +50,32 @@ class StallDetection:
 
     def init(self, sample: ArmSample) -> Stall:
         """The state at the first sample."""
-        n = len(sample.theta)
-        return Stall(sample.time, sample.theta, np.zeros((2, n)), np.zeros(n, dtype=bool))
+        return Stall(sample.time, sample.theta, np.zeros((2, len(sample.theta))))
 
     def step(self, state: Stall, sample: ArmSample, applied: Array, longest: float) -> Stall:
         """The next state; `applied` (n,) [N m] acted since the last sample, at most `longest` [s] ago."""
         moved, step = sample.theta != state.theta, sample.time - state.time
         if moved.all():
             return replace(self.init(sample), until=self._until(state, sample))
-        travel, stalled = np.where(moved, 0.0, state.travel), state.stalled & ~moved
+        travel = np.where(moved, 0.0, state.travel)
         if 0.0 < step <= longest and applied.any():
             arm, zeros = self.arm, np.zeros(len(moved))
             tau_e, _ = arm.loads(sample.q, zeros, sample.theta, zeros)
             _move(travel, step, applied, tau_e, arm.motor_inertia, arm.motor_friction, arm.torque_limit)
-        found = np.abs(travel[0]) > TRAVEL
-        until = sample.time + REST if found.any() else self._until(state, sample)
-        travel[:, found] = 0.0
-        return Stall(sample.time, sample.theta, travel, stalled | found, until)
+        if np.abs(travel[0]).max() <= TRAVEL:
+            return Stall(sample.time, sample.theta, travel, self._until(state, sample), state.rest)
+        rest = min(2.0 * state.rest, LONGEST_REST)
+        return Stall(sample.time, sample.theta, np.zeros_like(travel), sample.time + state.rest, rest)
 
     @staticmethod
     def holds(state: Stall) -> bool:
         """Whether the torque must be zero."""
-        return state.time < state.until or bool(state.stalled.any())
+        return state.time < state.until
 
     @staticmethod
     def _until(state: Stall, sample: ArmSample) -> float:
-        """End of the rest; no later than REST after a stamp that goes backward."""
-        return min(state.until, sample.time + REST) if sample.time < state.until else -inf
+        """End of the rest; no later than a whole rest after a stamp that goes backward."""
+        return min(state.until, sample.time + state.rest) if sample.time < state.until else -inf
 
 
 @njit(cache=True, error_model="numpy")
