@@ -78,6 +78,7 @@ class RenewedSubscription:
         self.renewals = 0
         self._heard = self._before = self._quiet = self._missed = 0
         self._second: Any = None
+        self._destroyed = False
         self._first = node.create_subscription(kind, topic, self._take, profile, raw=True)
         self._timer = node.create_timer(LOOK, self._look, clock=STEADY)
 
@@ -91,6 +92,7 @@ class RenewedSubscription:
 
     def destroy(self) -> None:
         """Destroy the subscription."""
+        self._destroyed = True
         self._node.destroy_timer(self._timer)
         self._node.destroy_subscription(self._first)
         self._drop_second()
@@ -100,6 +102,8 @@ class RenewedSubscription:
         self._given[2](data)
 
     def _look(self) -> None:
+        if self._destroyed:  # by a callback that ran after this timer had been found ready
+            return
         heard, self._before = self._heard - self._before, self._heard
         if heard or not self._heard:
             self._quiet = self._missed = 0

@@ -26,9 +26,10 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
-from rosgraph_msgs.msg import Clock
+from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError
 from via_core.parameters import parameter
@@ -81,7 +82,7 @@ class SimulationNode(Node, Generic[Row]):
         self._epoch, self._began = EPOCH, 0  # [ns] stamp and steady time of sample 0
         self._joint_states = self.create_publisher(JointState, "/joint_states", qos.SAMPLES)
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
-        self._clock_message = Clock()
+        self._clock_message = ClockMessage()
         self._clock_publisher: Any = None
         self._pace: Any = None
         self._beside: list[Any] = []  # publishers of further topics of every sample
@@ -96,7 +97,7 @@ class SimulationNode(Node, Generic[Row]):
         self._command = self._passive()
         self._command_stamp = -WATCHDOG  # [ns] stamp from which the command's time counts
         if times.mode != "realtime":
-            self._clock_publisher = self.create_publisher(Clock, "/clock", qos.CONTROL)
+            self._clock_publisher = self.create_publisher(ClockMessage, "/clock", qos.CONTROL)
         self._commands = RenewedSubscription(self, VsaCommand, command_topic, self._take, qos.CONTROL)
         self._commanders = CommandOrigin()
         self._drivers = DriverOrigin(self, "/joint_states", command_topic, self._samples.names)
@@ -188,11 +189,14 @@ class SimulationNode(Node, Generic[Row]):
     def _begin(self) -> None:
         self._running, self._polls = True, 0
         mode, rate = self._times.mode, self._times.rate
+        # A clock of its own: this timer may always be ready, and each other timer of its clock that is made, reset or
+        # ready meanwhile makes EventsExecutor (rclpy 7.1) put it twice into its queue; all other callbacks then starve.
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
         if mode == "realtime":
             self._epoch, self._began = self.get_clock().now().nanoseconds, time.monotonic_ns()
-            self._pace = self.create_timer(1.0 / rate, self._keep_pace, clock=STEADY)
+            self._pace = self.create_timer(1.0 / rate, self._keep_pace, clock=clock)
         elif mode == "free":
-            self._pace = self.create_timer(1e-6, self._step, clock=STEADY)
+            self._pace = self.create_timer(1e-6, self._step, clock=clock)
         self.get_logger().info(f"started: {self._name} publishes")
         self._publish()
 
