@@ -11,7 +11,8 @@ from via_core.devices import load_device
 from via_gap import diagnose, frames
 from via_gap.logs.log import read_log
 from via_gap.report.report import read_report
-from via_gap.run.arms import arm_of_model, read_arm_log
+from via_gap.run.arm_model import arm_of_model
+from via_gap.run.arms import read_arm_log
 
 RUNNER = CliRunner()
 

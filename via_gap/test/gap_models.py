@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -55,4 +56,5 @@ def scales() -> Scales:
     log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
     segments = cut_log(log)
     every = np.arange(len(segments))
-    return scales_of([segments], [missing_torque(segments, log.device)], segments.time[every], np.ones(len(segments)))
+    found = scales_of([segments], [missing_torque(segments, log.device)], segments.time[every], np.ones(len(segments)))
+    return replace(found, missing=np.full(3, np.inf))  # the log has no effect, the fits that are tested have

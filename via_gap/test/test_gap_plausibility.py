@@ -58,6 +58,16 @@ def test_a_number_at_the_end_of_its_range_is_not_named():
         assert doubt(fit(GAIN, 0.001, float(end[0])), scales()).endswith("gain is at the end of its range")
 
 
+def test_static_friction_is_at_most_ten_times_the_largest_missing_torque():
+    """The equations alone do not limit it: every error near standstill lies below a static friction that is large."""
+    found = replace(scales(), missing=np.array([0.02, np.inf, np.inf]))
+    stribeck = Location("stribeck_friction", "link", 0)
+    assert scales().torque[0] > 0.02
+    assert bounds_of(stribeck, found)[1].tolist()[:2] == [pytest.approx(0.2)] * 2
+    assert doubt(fit(stribeck, 1e-4, 0.2, 0.02, 0.01), found).endswith("breakaway is at the end of its range")
+    assert doubt(fit(stribeck, 1e-4, 0.05, 0.02, 0.01), found) == ""
+
+
 def test_what_has_its_neutral_value_is_absent():
     assert doubt(fit(COULOMB, 0.0, 0.0), scales()) == "coulomb_friction at motor 1: is absent"
     assert doubt(fit(GAIN, 0.0, 1.0), scales()) == "torque_gain at motor 1: is absent"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -17,12 +18,15 @@ from via_gap.diagnosis import diagnose as diagnosed
 from via_gap.logs.log import JointLog, read_logs
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
-from via_gap.report.report import GapReport, read_report, save_repair
+from via_gap.report.report import read_report, save_repair
 from via_gap.report.withheld import before_and_after
 from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, working
 from via_bringup.cli.outputs import check_files
+
+if TYPE_CHECKING:
+    from via_gap.run.arms import ArmDiagnosis
 
 Arm = Annotated[
     str | None,
@@ -49,14 +53,17 @@ def diagnose(
 ) -> None:
     """Locate the gap between logs and model, identify its causes, and report the fraction that they explain.
 
-    For an arm, one report per joint is written: report.json becomes report_JOINT.json.
+    For an arm, one report per joint is written: report.json becomes report_JOINT.json. A mass that all joints feel,
+    such as a payload, is written to report_arm.json.
     """
     if (device is None) == (arm is None):
         raise ViaError("give either --device or --arm")
     check_files(out, html, effects_out)
     with working("reading and diagnosing") as progress:
+        payload = None
         if arm is not None:
-            reports = _of_arm(arm, logs, holdout or (), progress)
+            found = _of_arm(arm, logs, holdout or (), progress)
+            payload, reports = found.payload, found.reports
         else:
             described = load_device(device or "")
             everything = read_logs([*logs, *(holdout or ())], described)
@@ -64,6 +71,11 @@ def diagnose(
             report = diagnosed(read, described, held or None, progress)
             progress("searching for a motion that separates tied causes", 1.0)
             reports = (with_proposal(report, described),)
+    if payload is not None:
+        answers.print(f"{payload.text()}\n", soft_wrap=True)
+        if out is not None:
+            write_text(_named(out, "arm"), json.dumps(asdict(payload), indent=2) + "\n")
+            answers.print(f"wrote {_named(out, 'arm')}\n")
     for number, report in enumerate(reports):
         answers.print("\n" * (number > 0) + text(report), soft_wrap=True)
         joint = report.joint if arm is not None else ""
@@ -80,7 +92,7 @@ def diagnose(
 
 def _of_arm(
     arm: str, logs: list[Path], holdout: Sequence[Path], progress: Callable[[str, float], None]
-) -> tuple[GapReport, ...]:
+) -> ArmDiagnosis:
     from via_gap.run.arms import diagnose_arm, find_arm, read_arm_log  # importing pinocchio takes a second
 
     whole = find_arm(arm, logs[0])
@@ -115,6 +127,7 @@ def simulate(
         typer.Option(help="Report of these logs: use its repair unless --effects is given, score its held-out data."),
     ] = None,
     arm: Arm = None,
+    payload: Annotated[Path | None, typer.Option(help="report_arm.json of `via gap diagnose --arm`.")] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
 ) -> None:
     """Simulate logs without and with effects and print both errors against the measurement.
@@ -127,7 +140,7 @@ def simulate(
     added = load_effects(effects) if effects is not None else saved.repaired() if saved is not None else ()
     held_out = saved.held_out if saved is not None else ()
     if arm is not None:
-        read = _joint_of_arm(arm, described, logs)
+        read = _joint_of_arm(arm, described, logs, payload)
     else:
         read = read_logs(logs, described)
     by_equations = arm is not None or (saved is not None and saved.by_equations)
@@ -147,10 +160,12 @@ def simulate(
         answers.print(f"wrote {out}")
 
 
-def _joint_of_arm(arm: str, device: Device, logs: list[Path]) -> list[JointLog]:
-    from via_gap.run.arms import find_arm, read_arm_log
+def _joint_of_arm(arm: str, device: Device, logs: list[Path], payload: Path | None) -> list[JointLog]:
+    from via_gap.run.arms import find_arm, read_arm_log, read_payload, with_payload
 
     whole = find_arm(arm, logs[0])
+    if payload is not None:
+        whole = with_payload(whole, read_payload(payload))
     names = [each.name for each in whole.devices]
     if device.name not in names:
         raise ViaError(f"'{device.name}' is not a joint of '{whole.name}', which has: {', '.join(names)}")

@@ -25,6 +25,7 @@ class Scales:
     """Sizes over logs of one device.
 
     torque      (3,) [N m] typical torque on link, motor 1, motor 2; the drive of a rigid joint is motor 1
+    missing     (3,) [N m] largest missing torque of link, motor 1, motor 2; infinite where it cannot be evaluated
     speed       (3,) [rad/s] root mean square
     peak        (2,) [N m] or [rad] largest command of each motor; for a position drive its largest torque
     slew        [rad/s] largest speed of a motor; for a position drive of the link
@@ -38,6 +39,7 @@ class Scales:
     """
 
     torque: Array
+    missing: Array
     speed: Array
     peak: Array
     slew: float
@@ -90,10 +92,21 @@ def scales_of(
     if not motors:
         orders[1] = orders[0]
     return Scales(
-        torque, speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
+        torque, _largest(missing), speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
         np.quantile(q, [0.02, 0.1, 0.9, 0.98]), travel, max(deflection, 1e-3),
         max(each.log.duration for each in segments), _busiest(time, excess), tuple(orders),
     )  # fmt: skip
+
+
+def _largest(missing: Sequence[MissingTorque | None]) -> Array:
+    """(3,) [N m] largest missing torque of each axis in any log; infinite for an axis that one log lacks."""
+    largest = np.zeros(3)
+    for each in missing:
+        of_log = np.full(3, np.inf)
+        if each is not None and len(each.torque):
+            of_log[list(each.axes)] = np.abs(each.torque).max(axis=0)
+        largest = np.maximum(largest, of_log)
+    return largest
 
 
 def _drive_torque(device: Device, commands: Array, start: Array) -> tuple[Array, Array]:

@@ -170,7 +170,8 @@ class _Recordings:
     def _read(self, path: Path) -> JointLog:
         if not self._case.arm:
             return read_log(path, self.device)
-        from via_gap.run.arms import load_arm, read_arm_log  # pinocchio takes a second to load
+        from via_gap.run.arm_model import load_arm  # pinocchio takes a second to load
+        from via_gap.run.arms import read_arm_log
 
         arm = load_arm(self._case.arm)
         return next(log for log in read_arm_log(path, arm) if log.device.name == self.device.name)

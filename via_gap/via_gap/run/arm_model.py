@@ -1,0 +1,135 @@
+"""Arms of rigid joints: the bodies between them, from a URDF or MJCF file, and the torques that their motion requires.
+
+tau = M(q) qdd + c(q, qd) + g(q)        recursive Newton-Euler in pinocchio; rotors are armature
+
+arm = load_arm("dfki_double_pendulum")
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.signal import savgol_filter
+from via_core.arm_files import ArmFile, read_arm
+from via_core.devices import Device, load_device, parse_device
+from via_core.errors import DeviceError, SignalError
+from via_core.recordings.entries import Constants
+from via_core.robots.models import is_model, read_robot
+from via_core.signals import Array
+
+from via_gap.run.describe import Recorded, described
+
+SMOOTHING = 0.03  # [s] half width of the cubic smoothing filter for velocity and acceleration
+
+
+class RigidArmFile(ArmFile):
+    """One YAML per arm: its joints base first; those of its URDF have the names of the devices' links."""
+
+    name: str
+    title: str
+    source: Annotated[tuple[str, ...], Field(min_length=1)]
+    confidence: str
+    joints: Annotated[tuple[str, ...], Field(min_length=2)]  # device names, or paths beside this file
+    rotors: tuple[Annotated[float, Field(ge=0.0)], ...] = ()  # [kg m^2] seen at the joints; none: in the URDF's links
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """Rigid joints and the bodies between them."""
+
+    name: str
+    devices: tuple[Device, ...]  # one per joint, base first
+    model: pinocchio.Model  # rotors as armature
+    order: NDArray[np.intp]  # (n,) index of each device's joint in the model's vectors
+    reference: Array | None = None  # (n,) [rad] angles in the zero pose of the model; None: 0
+
+    def torques(self, angle: Array, velocity: Array, acceleration: Array) -> Array:
+        """Drive torques (N, n) [N m] of a motion (N, n each) [rad, rad/s, rad/s^2] without any friction."""
+        data = self.model.createData()
+        out = np.empty_like(angle)
+        v, a = np.zeros(self.model.nv), np.zeros(self.model.nv)
+        for k in range(len(angle)):
+            v[self.order], a[self.order] = velocity[k], acceleration[k]
+            out[k] = pinocchio.rnea(self.model, data, self.configuration(angle[k]), v, a)[self.order]
+        return out
+
+    def configuration(self, angle: Array) -> Array:
+        """pinocchio's q for angles (n,) [rad]: a joint without end stops is represented by cosine and sine."""
+        q = pinocchio.neutral(self.model)
+        angle = angle if self.reference is None else angle - self.reference
+        for joint, value in zip(self.model.joints[1:], angle[np.argsort(self.order)], strict=True):
+            q[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if joint.nq == 2 else value
+        return q
+
+
+def load_arm(name_or_path: str | Path) -> Arm:
+    """The shipped arm of that name, or the one a YAML file describes. Raises DeviceError in one line."""
+    path, file, model = read_arm(RigidArmFile, "arms", name_or_path)
+    beside = [path.parent / joint if joint.endswith((".yaml", ".yml")) else joint for joint in file.joints]
+    return _built(path.name, file, tuple(map(load_device, beside)), model)
+
+
+def find_arm(name: str, recording: Path) -> Arm:
+    """The arm of a URDF or MJCF file, with the joints in the recording, or the one that `load_arm` finds."""
+    return arm_of_model(Path(name), recording) if is_model(name) else load_arm(name)
+
+
+def arm_of_model(model: Path, recording: Path) -> Arm:
+    """The arm of a URDF or MJCF file, with the joints that a recording contains; the others are fixed at zero.
+
+    Raises ViaError where the recording has positions of no joint of the model.
+    """
+    robot = read_robot(model)
+    recorded = Recorded.of(recording, robot)
+    seen = {guess.joint for guess in recorded.guesses if guess.quantity == "position"}
+    joints = [each for each in robot.joints if each.name in seen and not each.mimic]
+    if not joints:
+        there = ", ".join(sorted(seen - {""})) or "none with a name"
+        names = ", ".join(each.name for each in robot.joints)
+        raise SignalError(f"{recording}: has no joint of {model}, which has: {names}; the recording has: {there}")
+    texts = [described("arm", robot, each.name, recorded, {}, Constants()).text() for each in joints]
+    devices = tuple(parse_device(text, each.name) for text, each in zip(texts, joints, strict=True))
+    reduced = robot.reduced([each.name for each in joints])
+    order = np.array([reduced.joints[reduced.getJointId(each.name)].idx_v for each in joints], dtype=np.intp)
+    return Arm(robot.name, devices, reduced, order, np.array([each.reference for each in joints]))
+
+
+def _built(shown: str, file: RigidArmFile, devices: tuple[Device, ...], model: pinocchio.Model) -> Arm:
+    for device in devices:
+        if device.arrangement != "rigid":
+            raise DeviceError(f"{shown}: joint '{device.name}' is {device.arrangement}, an arm's joints must be rigid")
+        if not model.existJointName(device.link_joint):
+            raise DeviceError(f"{shown}: no joint '{device.link_joint}' of '{device.name}' in {file.urdf}")
+    if model.nv != len(devices):
+        raise DeviceError(f"{shown}: {file.urdf} has {model.nv} joints that move, {len(devices)} are described")
+    if len(file.rotors) not in (0, len(devices)):
+        raise DeviceError(f"{shown}: rotors needs 0 or {len(devices)} numbers, got {len(file.rotors)}")
+    order = np.array([model.joints[model.getJointId(device.link_joint)].idx_v for device in devices], dtype=np.intp)
+    if file.rotors:
+        armature = np.zeros(model.nv)
+        armature[order] = file.rotors
+        model.armature = armature
+    return Arm(file.name, devices, model, order)
+
+
+def smoothed_motion(time: Array, angle: Array) -> tuple[Array, Array, Array]:
+    """Smoothed angles, velocities and accelerations (N, n each) at the stamps; gaps are interpolated."""
+    period = float(np.median(np.diff(time)))
+    half = max(2, round(SMOOTHING / period))
+    if len(time) <= 2 * half + 1:
+        raise SignalError(f"{len(time)} samples are too few for velocities")
+    grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / period) + 1)
+    there = np.isfinite(angle)
+    even = [np.interp(grid, time[seen], column[seen]) for column, seen in zip(angle.T, there.T, strict=True)]
+
+    def derivative(order: int) -> Array:
+        smooth = [savgol_filter(each, 2 * half + 1, 3, deriv=order, delta=grid[1] - grid[0]) for each in even]
+        return np.stack([np.interp(time, grid, each) for each in smooth], axis=1)
+
+    return derivative(0), derivative(1), derivative(2)
