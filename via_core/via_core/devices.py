@@ -38,7 +38,7 @@ from via_core.device_parts import (
 from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array
 from via_core.springs import SpringLaw
-from via_core.text_files import listed, read_text, read_yaml
+from via_core.text_files import read_text, read_yaml
 from via_core.wire import DRIVE, MOTOR, command_topic, link_name, motor_name
 
 MOTORS = {"rigid": 0, "flexible": 1, "antagonistic": 2, "serial": 2}
@@ -234,7 +234,12 @@ def parse_device(text: str, file: str) -> Device:
     try:
         return Device.model_validate(content)
     except ValidationError as error:
-        raise DeviceError(f"{file}: {listed([_problem(each) for each in error.errors()])}") from None
+        raise DeviceError(_one_line(f"{file}: {'; '.join(_problem(each) for each in error.errors())}")) from None
+
+
+def _one_line(text: str) -> str:
+    """`text` on one line: keys and values of the file may hold line breaks, errors must not."""
+    return " ".join(text.splitlines())
 
 
 # Pydantic puts the tag of a union into the path of an error; none of these tags is a key.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ import yaml
 from via_core.errors import ViaError
 from via_core.limits import LIMITS, require_regular
 
-MOST_PROBLEMS, LONGEST_PROBLEM = 8, 200  # of an error in one line
 # Control characters become their pictures or, like marks that reverse the direction of text, the replacement character.
 _PICTURES = {
     **{code: 0x2400 + code for code in range(32) if chr(code) not in "\n\t"},
@@ -23,13 +21,6 @@ _PICTURES = {
 def shown(text: str) -> str:
     """The text without characters that control a terminal; its length is the same."""
     return text.translate(_PICTURES)
-
-
-def listed(problems: Sequence[str]) -> str:
-    """The problems of a file in one line; long texts and long lists are cut."""
-    first = [shown(" ".join(each.split())[:LONGEST_PROBLEM]) for each in problems[:MOST_PROBLEMS]]
-    more = len(problems) - len(first)
-    return "; ".join(first) + (f"; and {more} more" if more else "")
 
 
 def read_text(path: str | Path, error: type[ViaError] = ViaError, name: str = "") -> str:

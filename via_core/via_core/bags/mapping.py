@@ -20,7 +20,7 @@ from via_core.device_parts import Part, Text
 from via_core.errors import ImportMapError, ParameterError
 from via_core.limits import LIMITS
 from via_core.recordings.units import factor, is_unit, kind
-from via_core.text_files import listed, read_text, read_yaml, shown
+from via_core.text_files import read_text, read_yaml, shown
 
 
 class _Column(Part):
@@ -212,8 +212,10 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
     try:
         mapping = Mapping.model_validate(read_yaml(read_text(where, ImportMapError), where.name, ImportMapError))
     except ValidationError as error:
-        problems = [f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors()]
-        raise ImportMapError(f"{where.name}: {listed(problems)}") from None
+        problems = "; ".join(
+            f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors()
+        )
+        raise ImportMapError(f"{where.name}: {problems}") from None
     if mapping.device is not None and re.search(r"[/\\]|\.ya?ml$", mapping.device):
         return mapping.model_copy(update={"device": str(where.parent / mapping.device)})  # relative to the mapping
     return mapping
