@@ -180,7 +180,8 @@ def test_states_of_a_trajectory_controller_give_goal_and_position(tmp_path: Path
      ("N", 1.0, "torque"),
      ("lbf", 4.4482216152605, "torque"), ("mNm", 1e-3, "torque"), ("kgf cm", 0.0980665, "torque"),
      ("mA", 1e-3, "current"),
-     ("lb", 0.45359237, ""), ("Hz", 1.0, ""), ("percent", 0.01, ""), ("degC", 274.15, ""), ("us", 1e-6, "time"), ("°/s", pi / 180, "speed")],
+     ("lb", 0.45359237, ""), ("Hz", 1.0, ""), ("percent", 0.01, ""), ("degC", 274.15, ""), ("us", 1e-6, "time"),
+     ("°/s", pi / 180, "speed")],
 )  # fmt: skip
 def test_units_in_si(unit: str, value: float, of: str) -> None:
     assert factor(unit) == pytest.approx(value, rel=1e-12) and kind(unit) == of

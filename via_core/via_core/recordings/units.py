@@ -61,7 +61,7 @@ def factor(unit: str, counts_per_turn: float | None = None) -> float:
 
 
 def kind(unit: str) -> str:
-    """'time', 'angle', 'speed', 'torque' (or force) or 'current' by dimension; '' for others, such as Hz and percent."""
+    """'time', 'angle', 'speed', 'torque' (or force) or 'current' by dimension; '' for others, such as Hz and %."""
     counts = COUNTS.fullmatch(unit)
     if counts:
         return "speed" if counts["rate"] else "angle"

@@ -97,8 +97,8 @@ def described(
         seen = {guess.joint for guess in recorded.guesses if guess.quantity == "position"}
         if others := [each.name for each in robot.joints if each.name in seen and each.name != joint]:
             made.remarks.append(
-                f"the recording also has {', '.join(others)}: where they move they act on {joint}, so diagnose all joints "
-                f"together: via gap diagnose {recorded.path} --arm {made.sources[0]}"
+                f"the recording also has {', '.join(others)}: where they move they act on {joint}, so diagnose all "
+                f"joints together: via gap diagnose {recorded.path} --arm {made.sources[0]}"
             )
     if recorded is not None:
         _choose_drive(made)
