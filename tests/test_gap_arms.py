@@ -81,15 +81,21 @@ def test_torques_of_the_bodies_are_those_written_out(arm: Arm) -> None:
     np.testing.assert_allclose(arm.torques(q, v, a), pendulum(q, v, a), atol=1e-6)
 
 
+def written(logs: list[JointLog], file: Path) -> str:
+    """A table of the whole arm."""
+    columns = [logs[0].measured.time, *(log.measured["q"] for log in logs)]
+    columns += [log.commands["external_torque"] for log in logs if log.commands is not None]
+    header = "time,pos1,pos2,tau1,tau2"
+    np.savetxt(file, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.12g")
+    return str(file)
+
+
 @pytest.fixture(scope="module")
 def answered(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of two runs and what `via gap diagnose --arm` made of them: a report, a page and a repair per joint."""
     here = tmp_path_factory.mktemp("arm")
-    for name, logs in (("run.csv", moved(arm, 12.0)), ("held.csv", moved(arm, 8.0, 20.0))):
-        columns = [logs[0].measured.time, *(log.measured["q"] for log in logs)]
-        columns += [log.commands["external_torque"] for log in logs if log.commands is not None]
-        header = "time,pos1,pos2,tau1,tau2"
-        np.savetxt(here / name, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.12g")
+    written(moved(arm, 12.0), here / "run.csv")
+    written(moved(arm, 8.0, 20.0), here / "held.csv")
     asked = ["--json", str(here / "report.json"), "--html", str(here / "page.html")]
     asked += ["--effects-out", str(here / "repair.yaml")]
     done = CliRunner().invoke(
@@ -138,12 +144,108 @@ def test_a_payload_is_found_from_all_joints_together(arm: Arm, position: tuple[f
     np.testing.assert_allclose(restored.torques(q, v, a), arm.torques(q, v, a), atol=1e-9)
 
 
+def test_joints_are_diagnosed_with_the_payload_and_their_gap_comes_again_with_it(arm: Arm, tmp_path: Path) -> None:
+    planted = mounted("dfki_elbow", 0.3, 0.0, 0.0, -0.2)
+    loaded, name = with_payload(arm, planted), "dfki_elbow"
+    run, held = (
+        written(moved(arm, 12.0, phase, loaded), tmp_path / f"{name}.csv")
+        for name, phase in (("run", 0.0), ("held", 20.0))
+    )
+    words = ["gap", "diagnose", run, "--arm", arm.name, "--holdout", held, "--json", str(tmp_path / "report.json")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0 and done.output.startswith("Payload at dfki_elbow: mass 0.3"), done.output
+    report = read_report((tmp_path / f"report_{name}.json").read_text(), "report")
+    assert (report.causes[0].effect, report.verdict) == ("coulomb_friction", "main_effect") and report.gap is not None
+    assert report.causes[0].parameters["torque"].value == pytest.approx(FRICTION[1], rel=0.1)
+    words = ["gap", "simulate", held, "--arm", arm.name, "--device", name, "--json", str(tmp_path / "again.json")]
+    words += ["--report", str(tmp_path / f"report_{name}.json")]
+    for payload, same in (([], False), (["--payload", str(tmp_path / "report_payload.json")], True)):
+        assert CliRunner().invoke(app, [*words, *payload]).exit_code == 0
+        after = json.loads((tmp_path / "again.json").read_text())["after"]
+        assert (after == pytest.approx(report.gap.after, rel=1e-6)) is same
+
+
+def spatial(arm: Arm) -> Arm:
+    """Pan, lift and elbow, with the devices of the shipped arm under other names."""
+    model, parent = pinocchio.Model(), 0
+    inertia = pinocchio.Inertia(2.0, np.array([0.12, 0.0, 0.04]), np.diag([0.006, 0.03, 0.03]))
+    for name, joint, place in (
+        ("pan", pinocchio.JointModelRZ(), (0.0, 0.0, 0.1)),
+        ("lift", pinocchio.JointModelRY(), (0.0, 0.05, 0.1)),
+        ("elbow", pinocchio.JointModelRY(), (0.3, 0.0, 0.0)),
+    ):
+        parent = model.addJoint(parent, joint, pinocchio.SE3(np.eye(3), np.array(place)), name)
+        model.appendBodyToJoint(parent, inertia, pinocchio.SE3.Identity())
+    devices = tuple(arm.devices[0].model_copy(update={"name": name}) for name in ("pan", "lift", "elbow"))
+    return Arm("spatial", devices, model, np.arange(3))
+
+
+@pytest.mark.parametrize(
+    ("position", "seed"), [((0.1, -0.3, 0.2), 5), ((0.1, -0.3, 0.2), 0), ((0.28, 0.0, -0.28), 0), ((0.3, 0.1, 0.0), 1)]
+)
+def test_the_least_of_several_minima_is_found(arm: Arm, position: tuple[float, float, float], seed: int) -> None:
+    """In the first case a fit that starts at the joint ends at another place, with the whole forearm absent. In the
+    others cubic smoothing, whose accelerations are too small, moves the place by up to nine standard deviations."""
+    bodies = spatial(arm)
+    loaded = with_payload(bodies, mounted("elbow", 0.7, *position))
+    time = np.arange(round(30.0 * RATE)) / RATE
+    rng = np.random.default_rng(seed)
+    speed, phase = 2.0 * np.pi * rng.uniform(0.15, 1.3, (4, 3)), rng.uniform(0.0, 6.28, (4, 3))
+    at = speed * time[:, None, None] + phase
+    q, v, a = (0.2 * np.sum(speed**k * np.sin(at + 0.5 * np.pi * k), axis=1) for k in range(3))
+    link = arm.devices[0].link
+    drive = loaded.torques(q, v, a) + link.viscous_friction * v + (link.coulomb_friction + 0.3) * np.sign(v)
+    drive += rng.normal(0.0, 0.03, q.shape)
+    read, units = q + rng.normal(0.0, 5e-5, q.shape), {"q": "rad", "tau": "N m"}
+    logs = [
+        JointLog("wave", device, Signals(time, {"q": read[:, i], "tau": drive[:, [i]]}, units), None)
+        for i, device in enumerate(bodies.devices)
+    ]
+    found = find_payload(bodies, [logs])
+    assert found is not None and found.link == "elbow" and not found.tied
+    assert found.mass == pytest.approx(0.7, abs=3.0 * found.mass_sd) and found.mass_sd < 0.01
+    for value, sd, wanted in zip(found.position, found.position_sd, position, strict=True):
+        assert value == pytest.approx(wanted, abs=3.0 * sd) and sd < 0.01
+
+
+def test_a_payload_is_found_in_a_recording_that_rests(arm: Arm) -> None:
+    """Blocks in which every joint stands have no window that counts."""
+    loaded = with_payload(arm, mounted("dfki_elbow", 0.3, 0.0, 0.0, -0.2))
+    run = moved(arm, 40.0, bodies=loaded)
+    rest = round(6.0 * RATE)
+    still = []
+    for log in run:
+        assert log.commands is not None
+        late = np.concatenate([log.measured.time, log.measured.time[-1] + np.arange(1, rest + 1) / RATE])
+        measured, sent = (
+            Signals(
+                late, {key: np.pad(x, (0, rest), mode="edge") for key, x in each.channels.items()}, each.units, held
+            )
+            for each, held in ((log.measured, frozenset()), (log.commands, frozenset(log.commands.channels)))
+        )
+        still.append(replace(log, measured=measured, commands=sent))
+    found, moving = find_payload(arm, [still]), find_payload(arm, [run])
+    assert found is not None and moving is not None
+    assert found.mass == pytest.approx(moving.mass, abs=moving.mass_sd)
+
+
+def test_a_payload_is_found_at_a_low_rate(arm: Arm) -> None:
+    """50 Hz, where the smoothing has few samples."""
+    rare, taken = [], slice(None, None, round(RATE / 50.0))
+    for log in moved(arm, 40.0, bodies=with_payload(arm, mounted("dfki_elbow", 0.3, 0.0, 0.0, -0.2))):
+        assert log.torque is not None
+        channels = {"q": log.measured["q"][taken], "tau": log.torque[taken]}
+        rare.append(replace(log, measured=Signals(log.measured.time[taken], channels, {"q": "rad", "tau": "N m"})))
+    found = find_payload(arm, [rare])
+    assert found is not None and found.mass == pytest.approx(0.3, abs=0.03)
+
+
 def test_a_payload_file_is_read_back_and_others_are_refused(arm: Arm, tmp_path: Path) -> None:
-    payload, file = mounted("dfki_elbow", 0.3, 0.0, 0.0, -0.2), tmp_path / "report_arm.json"
+    payload, file = mounted("dfki_elbow", 0.3, 0.0, 0.0, -0.2), tmp_path / "report_payload.json"
     file.write_text(json.dumps(asdict(payload)))
     assert read_payload(file) == payload
     file.write_text('{"link": "dfki_elbow"}')
-    with pytest.raises(SignalError, match=r"report_arm\.json: tied: field required"):
+    with pytest.raises(SignalError, match=r"report_payload\.json: tied: field required"):
         read_payload(file)
     with pytest.raises(SignalError, match=r"has no joint 'wrist'; it has: dfki_shoulder, dfki_elbow"):
         with_payload(arm, replace(payload, link="wrist"))

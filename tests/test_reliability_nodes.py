@@ -18,6 +18,7 @@ from via_interfaces.msg import StiffnessEstimate, VsaCommand
 from via_interfaces.srv import Hold
 from via_ros import qos
 from via_ros.conversions import Command, JointStateWriter
+from via_ros.gate import QUIET, RenewedSubscription
 from via_ros.serialised import CommandBytes
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
 from via_sim.nodes.simulator import SimulatorNode
@@ -159,6 +160,17 @@ def test_transitions_while_samples_arrive_do_not_end_a_controller(graph):
     assert answers == 20 * [True, True, False, True, False, True, False]
     answered = len(peer.commands)
     graph.until(lambda: len(peer.commands) > answered + 10)
+
+
+def test_a_check_that_was_due_when_its_subscription_was_destroyed_does_nothing(graph):
+    peer, heard = Peer(graph), []
+    renewed = RenewedSubscription(graph.node("listener"), JointState, "/joint_states", heard.append, qos.CONTROL)
+    graph.until(lambda: peer.samples.get_subscription_count() == 1)
+    peer.samples.publish(peer.writer.stamped(1))
+    graph.until(lambda: len(heard) == 1)
+    renewed.destroy()
+    for _ in range(QUIET + 1):
+        renewed._look()
 
 
 def test_frozen_positions_end_the_torque_until_they_move_again(graph):

@@ -54,7 +54,7 @@ def diagnose(
     """Locate the gap between logs and model, identify its causes, and report the fraction that they explain.
 
     For an arm, one report per joint is written: report.json becomes report_JOINT.json. A mass that all joints feel,
-    such as a payload, is written to report_arm.json.
+    such as a payload, is written to report_payload.json.
     """
     if (device is None) == (arm is None):
         raise ViaError("give either --device or --arm")
@@ -74,8 +74,8 @@ def diagnose(
     if payload is not None:
         answers.print(f"{payload.text()}\n", soft_wrap=True)
         if out is not None:
-            write_text(_named(out, "arm"), json.dumps(asdict(payload), indent=2) + "\n")
-            answers.print(f"wrote {_named(out, 'arm')}\n")
+            write_text(_named(out, "payload"), json.dumps(asdict(payload), indent=2) + "\n")
+            answers.print(f"wrote {_named(out, 'payload')}\n")
     for number, report in enumerate(reports):
         answers.print("\n" * (number > 0) + text(report), soft_wrap=True)
         joint = report.joint if arm is not None else ""
@@ -127,7 +127,7 @@ def simulate(
         typer.Option(help="Report of these logs: use its repair unless --effects is given, score its held-out data."),
     ] = None,
     arm: Arm = None,
-    payload: Annotated[Path | None, typer.Option(help="report_arm.json of `via gap diagnose --arm`.")] = None,
+    payload: Annotated[Path | None, typer.Option(help="report_payload.json of `via gap diagnose --arm`.")] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
 ) -> None:
     """Simulate logs without and with effects and print both errors against the measurement.

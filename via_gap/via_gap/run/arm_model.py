@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs, savgol_filter
 from via_core.arm_files import ArmFile, read_arm
 from via_core.devices import Device, load_device, parse_device
 from via_core.errors import DeviceError, SignalError
@@ -25,7 +25,7 @@ from via_core.signals import Array
 
 from via_gap.run.describe import Recorded, described
 
-SMOOTHING = 0.03  # [s] half width of the cubic smoothing filter for velocity and acceleration
+SMOOTHING = 0.03  # [s] half width of the smoothing filter for velocity and acceleration
 
 
 class RigidArmFile(ArmFile):
@@ -118,10 +118,13 @@ def _built(shown: str, file: RigidArmFile, devices: tuple[Device, ...], model: p
     return Arm(file.name, devices, model, order)
 
 
-def smoothed_motion(time: Array, angle: Array) -> tuple[Array, Array, Array]:
-    """Smoothed angles, velocities and accelerations (N, n each) at the stamps; gaps are interpolated."""
+def smoothed_motion(time: Array, angle: Array, degree: int = 3) -> tuple[Array, Array, Array]:
+    """Smoothed angles, velocities and accelerations (N, n each) at the stamps; gaps are interpolated.
+
+    degree  of the local polynomials: with 5, accelerations have less bias and more noise than with 3
+    """
     period = float(np.median(np.diff(time)))
-    half = max(2, round(SMOOTHING / period))
+    half = _half_width(period, degree)
     if len(time) <= 2 * half + 1:
         raise SignalError(f"{len(time)} samples are too few for velocities")
     grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / period) + 1)
@@ -129,7 +132,19 @@ def smoothed_motion(time: Array, angle: Array) -> tuple[Array, Array, Array]:
     even = [np.interp(grid, time[seen], column[seen]) for column, seen in zip(angle.T, there.T, strict=True)]
 
     def derivative(order: int) -> Array:
-        smooth = [savgol_filter(each, 2 * half + 1, 3, deriv=order, delta=grid[1] - grid[0]) for each in even]
+        smooth = [savgol_filter(each, 2 * half + 1, degree, deriv=order, delta=grid[1] - grid[0]) for each in even]
         return np.stack([np.interp(time, grid, each) for each in smooth], axis=1)
 
     return derivative(0), derivative(1), derivative(2)
+
+
+def velocity_noise(time: Array, angle: Array, smooth: Array, degree: int = 3) -> Array:
+    """Standard deviations (n,) [rad/s] of smoothed velocities, from the distances of angles (N, n) from smooth ones."""
+    period = float(np.median(np.diff(time)))
+    weights = savgol_coeffs(2 * _half_width(period, degree) + 1, degree, deriv=1, delta=period)
+    return np.nanstd(angle - smooth, axis=0) * float(np.linalg.norm(weights))
+
+
+def _half_width(period: float, degree: int) -> int:
+    """Samples on either side of the middle of the smoothing filter, more than its polynomials fit exactly."""
+    return max(degree // 2 + 1, round(SMOOTHING / period))

@@ -12,7 +12,8 @@ with wrong gains; a payload and right gains; a payload and wrong gains. The firs
 others; gains are wrong beside a payload only if that is clearly better, because gains can replace most of a payload.
 
 Both sides are averaged over windows of WINDOW: the equation holds for averages as well, and noise of the accelerations
-averages out. A window in which a joint reverses does not count for it, because friction is unknown there.
+averages out. A window counts for a joint if its direction is certain in every sample, because dry friction is unknown
+where a joint reverses or stands; a block without any window that counts is left out.
 
 Source: W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Butterworth-Heinemann 2002, chapter 12
 (linear regression of dynamic parameters, filtered and decimated).
@@ -35,13 +36,18 @@ from via_core.signals import Array
 from via_core.text_files import read_text
 
 from via_gap.logs.log import JointLog
-from via_gap.run.arm_model import Arm, smoothed_motion
+from via_gap.run.arm_model import Arm, smoothed_motion, velocity_noise
+from via_gap.selection.holdout import BLOCK
 from via_gap.selection.numbers import NUMBERS
 
-WINDOW = 0.1  # [s] of the averages
-BLOCK = 2.0  # [s] of the blocks that are fitted or held out in turn
-FEWEST = 4  # blocks of either kind
-REACH = 1.0  # [m] standard deviation of the position before anything is known
+WINDOW = 0.1  # [s] of the averages: longer than the smoothing of the angles, short beside a motion of the arm
+DEGREE = 5  # of the polynomials that smooth the angles: bias of accelerations would remain, noise averages out
+FEWEST = 4  # blocks fitted, and held out: with fewer a t test finds only what needs no test
+REACH = 1.0  # [m] standard deviation of the position before anything is known: the size of an arm
+_LINE = np.linspace(-REACH, REACH, 11)
+GRID = np.stack(np.meshgrid(_LINE, _LINE, _LINE), axis=-1).reshape(-1, 3)  # [m] positions where fits may start
+STARTS = 5  # of these, the best ones
+EDGE = 1e-3  # of the mass of a body: closer to its loss the mass counts as at the end of its range
 OWN, BODY = 5, 10  # columns of z and of Y; one column of the missing torque follows
 _Z, _Y = slice(0, OWN), slice(OWN, OWN + BODY)  # the gain is the last of z
 
@@ -112,14 +118,14 @@ def find_payload(
         return None
     train, test = np.stack(fitted), np.stack(held)
     alone = _Fit.of(train, 0, None, gains=True)
-    own = sum(each.mass for each in arm.model.inertias)
-    loaded = [_Fit.of(train, k, own, gains=False) for k in range(len(arm.devices))]
-    loaded = [_better(each, _Fit.of(train, each.body, own, gains=True), test) for each in loaded]
+    whole = sum(each.mass for each in arm.model.inertias)
+    masses = [_Masses(arm.model.inertias[_body_of(arm, k)].mass, whole) for k in range(len(arm.devices))]
+    loaded = [_Fit.of(train, k, each, gains=False) for k, each in enumerate(masses)]
+    loaded = [_better(each, _Fit.of(train, each.body, masses[each.body], gains=True), test) for each in loaded]
     best = min(loaded, key=lambda fit: float(fit.against(alone, test).mean()))
     link, gain = arm.devices[best.body], best.against(alone, test)
     explained = 1.0 - float(np.exp(gain.mean()))
-    jackknife = best.jackknife(train, own)
-    sd = np.maximum(jackknife, best.sd)
+    sd = np.maximum(best.jackknife(train, masses[best.body]), best.sd)
     mass = float(best.point[0])
     carried = sum(arm.model.inertias[body].mass for body in arm.model.subtrees[_body_of(arm, best.body)])
     if (
@@ -127,6 +133,7 @@ def find_payload(
         or explained < NUMBERS.substantial
         or abs(mass) < link.tolerances.gravity * carried
         or abs(mass) < norm.ppf(1.0 - 0.5 * NUMBERS.significance) * sd[0]
+        or mass < -(1.0 - EDGE) * masses[best.body].there
     ):
         return None
     others = [each for each in loaded if each is not best]
@@ -134,6 +141,18 @@ def find_payload(
     names = tuple(arm.devices[k].name for k in tied)
     (x, y, z), (x_sd, y_sd, z_sd) = map(float, best.point[1:]), map(float, sd[1:])
     return Payload(link.name, names, mass, float(sd[0]), (x, y, z), (x_sd, y_sd, z_sd), explained)
+
+
+@dataclass(frozen=True)
+class _Masses:
+    """What a mass at a body can be before anything is known.
+
+    there  [kg] of the body itself, which is all that can be absent
+    sd     [kg] standard deviation: the mass of the arm
+    """
+
+    there: float
+    sd: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,20 +171,25 @@ class _Fit:
     weight: Array
 
     @staticmethod
-    def of(train: Array, body: int, mass: float | None, gains: bool, start: Array | None = None) -> _Fit:
-        """The fit to blocks (B, n, bodies, 16, 16); `mass` [kg]: standard deviation before anything is known."""
+    def of(train: Array, body: int, mass: _Masses | None, gains: bool, start: Array | None = None) -> _Fit:
+        """The fit to blocks (B, n, bodies, 16, 16); without `mass` there is none, without `start` all are tried."""
         total = train[:, :, body].sum(axis=0)
         point, sd = np.zeros(4) if start is None else start, np.zeros(4)
         factors = _coefficients(total, _point_mass(point), gains)
-        for _ in range(2 if mass is not None else 0):  # the second time with the weights of the first fit
+        for _ in range(2):  # the second time with the weights of the first fit
+            if mass is None:
+                break
             weight = _weights(total, factors)
             reduced = np.einsum("i,ijk->jk", weight, np.stack([_reduced(each, gains) for each in total]))
             values, vectors = np.linalg.eigh(reduced)
             root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-            if not np.any(point):  # second moments left out
-                moments = np.linalg.lstsq(root[:, :4], root[:, -1], rcond=None)[0]
-                point = np.append(moments[0], np.clip(moments[1:] / (moments[0] or 1.0), -REACH, REACH))
-            found = least_squares(_error, point, args=(root, mass), x_scale=[1.0, 0.1, 0.1, 0.1])
+            starts = [point] if np.any(point) else _starts(root, mass)
+            least = [-mass.there, *3 * [-np.inf]]
+            fits = [
+                least_squares(_error, each, args=(root, mass.sd), bounds=(least, np.inf), x_scale=[1.0, 0.1, 0.1, 0.1])
+                for each in starts
+            ]
+            found = min(fits, key=lambda fit: float(fit.cost))
             point, sd = found.x, np.sqrt(np.diag(np.linalg.pinv(found.jac.T @ found.jac, hermitian=True)))
             factors = _coefficients(total, _point_mass(point), gains)
         return _Fit(body, gains, point, sd, factors, _weights(total, factors))
@@ -175,7 +199,7 @@ class _Fit:
         own, its = (_losses(test[:, :, each.body], each.factors, self.weight) for each in (self, other))
         return np.log(own / its)
 
-    def jackknife(self, train: Array, mass: float) -> Array:
+    def jackknife(self, train: Array, mass: _Masses) -> Array:
         """(4,) standard deviations from the scatter between blocks, within which errors are not independent."""
         every = np.arange(len(train))
         left_out = [_Fit.of(train[every != b], self.body, mass, self.gains, self.point).point for b in every]
@@ -191,6 +215,16 @@ def _exceeds(differences: Array, significance: float) -> bool:
     """Whether the mean of differences (B,) between blocks is above zero: one-sided t test."""
     error = float(np.std(differences, ddof=1)) / np.sqrt(len(differences))
     return bool(np.mean(differences) > student.ppf(1.0 - significance, len(differences) - 1) * error)
+
+
+def _starts(root: Array, mass: _Masses) -> list[Array]:
+    """The STARTS positions of GRID with the least error, each with its best mass: the error has several minima."""
+    columns = root[:, :-1] @ np.array([_point_mass(np.array([1.0, *place])) for place in GRID]).T
+    weight = np.sum(columns**2, axis=0) + mass.sd**-2
+    best = np.maximum(columns.T @ root[:, -1] / weight, -mass.there)
+    error = np.sum((columns * best - root[:, -1:]) ** 2, axis=0) + (best / mass.sd) ** 2
+    error += np.sum(GRID**2, axis=1) / REACH**2
+    return [np.array([best[i], *GRID[i]]) for i in np.argsort(error)[:STARTS]]
 
 
 def _error(point: Array, root: Array, mass: float) -> Array:
@@ -243,12 +277,16 @@ def _blocks(arm: Arm, run: Sequence[JointLog]) -> list[Array]:
     if all(each is None for each in torques):
         return []
     drive = np.stack([np.full(len(time), np.nan) if each is None else each[:, 0] for each in torques], axis=1)
-    q, v, a = smoothed_motion(time, np.stack([log.measured["q"] for log in run], axis=1))
+    angle = np.stack([log.measured["q"] for log in run], axis=1)
+    q, v, a = smoothed_motion(time, angle, DEGREE)
+    certain = norm.ppf(1.0 - 0.5 * NUMBERS.significance) * velocity_noise(time, angle, q, DEGREE)
+    drive = np.where(np.abs(v) > certain, drive, np.nan)
     length = max(round(WINDOW / float(np.median(np.diff(time)))), 1)
     count = len(time) // length
     per_block = max(round(BLOCK / WINDOW), 1)
     rows = _rows(arm, drive, q, v, a, length, count)
-    return [_grams(rows[:, first : first + per_block]) for first in range(0, count - per_block + 1, per_block)]
+    made = (_grams(rows[:, first : first + per_block]) for first in range(0, count - per_block + 1, per_block))
+    return [each for each in made if each[:, 0, 0, 0].any()]
 
 
 def _grams(rows: Array) -> Array:
@@ -259,7 +297,7 @@ def _grams(rows: Array) -> Array:
 
 
 def _rows(arm: Arm, drive: Array, q: Array, v: Array, a: Array, length: int, count: int) -> Array:
-    """Averages (n, windows, bodies, 16) of all columns; NaN where a joint reverses or its torque is not known."""
+    """Averages (n, windows, bodies, 16) of all columns; NaN where a joint reverses or its torque `drive` is NaN."""
     n, used = q.shape[1], length * count
     model, data = arm.model, arm.model.createData()
     bodies = [BODY * (_body_of(arm, k) - 1) for k in range(n)]

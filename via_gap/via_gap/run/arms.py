@@ -12,7 +12,7 @@ changes with the arm's pose (docs/adr/0006). The angle of the next joint is the 
 What all joints share is estimated first, from all of them: a mass that the bodies lack (arm_payload.py). Each joint
 alone would take it for an error of its own drive.
 
-    arm = load_arm("dfki_double_pendulum")
+    arm = find_arm("dfki_double_pendulum", recording)
     found = diagnose_arm(arm, [run], [held_out])         # found.payload, and found.reports: one per joint, base first
 """
 
