@@ -95,6 +95,21 @@ def test_all_joints_of_a_model_come_from_one_recording(folder: Path) -> None:
         assert all(log.commands is not None and "arm_torque" in log.commands for log in logs)
 
 
+def test_a_recording_of_several_joints_is_diagnosed_with_all_of_them(folder: Path) -> None:
+    write_arm(folder / "arm.parquet")
+    model, log = folder / "robot.urdf", folder / "arm.parquet"
+    done = via("device", "new", model, "--joint", "elbow", "--log", log, "--out", folder / "of_arm.yaml")
+    assert done.exit_code == 0, done.output
+    assert "the recording also has shoulder" in done.output and f"diagnose {log} --arm {model}" in done.output
+
+
+def test_a_check_that_cannot_run_is_refused_before_a_file_is_written(folder: Path, elbow: Path) -> None:
+    (folder / "none.yaml").write_text("[]")
+    made = folder / "out.urdf"
+    done = via("export", folder / "none.yaml", "--device", elbow, "--to", "urdf", "--out", made, "--check", made)
+    assert done.exit_code != 0 and not made.exists()
+
+
 def reference(q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Torques of the arm, written out for two links in a plane; q = 0 hangs down (Spong, planar elbow manipulator)."""
     m2, r2 = 1.5, (1.2 * 0.12 + 0.3 * 0.27) / 1.5

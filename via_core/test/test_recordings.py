@@ -180,7 +180,8 @@ def test_states_of_a_trajectory_controller_give_goal_and_position(tmp_path: Path
      ("N", 1.0, "torque"),
      ("lbf", 4.4482216152605, "torque"), ("mNm", 1e-3, "torque"), ("kgf cm", 0.0980665, "torque"),
      ("mA", 1e-3, "current"),
-     ("lb", 0.45359237, ""), ("us", 1e-6, "time"), ("°/s", pi / 180, "speed")],
+     ("lb", 0.45359237, ""), ("Hz", 1.0, ""), ("percent", 0.01, ""), ("degC", 274.15, ""), ("us", 1e-6, "time"),
+     ("°/s", pi / 180, "speed")],
 )  # fmt: skip
 def test_units_in_si(unit: str, value: float, of: str) -> None:
     assert factor(unit) == pytest.approx(value, rel=1e-12) and kind(unit) == of
@@ -221,6 +222,22 @@ def test_joints_are_found_by_name_and_by_number() -> None:
     }  # fmt: skip
     with pytest.raises(SignalError, match="choose with --joint from: base, elbow, wrist"):
         of_joint(guesses, "hand")
+
+
+def test_columns_of_a_temperature_a_duty_and_a_rate_are_not_the_motion() -> None:
+    others = {"winding_temp_degC": 36.5 + 0.0 * TIME, "duty_percent": 50.0 * ANGLE, "loop_Hz": 500.0 + ANGLE}
+    frame = pandas.DataFrame({"t": TIME, "act_pos_deg": ANGLE, **others})
+    assert {guess.column for guess in guess_columns({"": frame}) if guess.quantity} == {"act_pos_deg"}
+
+
+def test_nested_names_show_their_joints_without_a_model() -> None:
+    joints = ("elbow_joint", "wrist_joint")
+    names = [f"/joint_states/{joint}/{what}" for what in ("position", "effort") for joint in joints]
+    goals = [f"/controller/reference/positions/{joint}" for joint in joints]
+    frame = pandas.DataFrame({"__time": TIME, **dict.fromkeys((*names, *goals), ANGLE), "/joint_states/seq": ANGLE})
+    found = {guess.column: guess.joint for guess in guess_columns({"": frame})}
+    assert [found[name] for name in (*names, *goals)] == [*joints] * 3
+    assert found["/joint_states/seq"] == ""
 
 
 def test_degrees_are_recognised_by_the_limits_of_the_joint() -> None:

@@ -1,8 +1,17 @@
 """Errors of the suite: all derive from `ViaError` and carry the offending value."""
 
+LONGEST, END = 1500, 300  # characters of a text, and of its end where a longer one is cut
+
 
 class ViaError(Exception):
-    """Base class of all errors that are raised on purpose; the text is one line with the value and the remedy."""
+    """Base class of all errors that are raised on purpose; the text is one line with the value and the remedy.
+
+    A text is cut in its middle where values or lists of a file make it longer than LONGEST.
+    """
+
+    def __init__(self, text: object = "") -> None:
+        whole = str(text)
+        super().__init__(whole if len(whole) <= LONGEST else f"{whole[: LONGEST - END]} .. {whole[-END:]}")
 
 
 class SignalError(ViaError):

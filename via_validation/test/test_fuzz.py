@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 from via_core.bags.reader import read_bag
+from via_core.devices import load_device
+from via_core.errors import DeviceError
 from via_validation.fuzz import run
 from via_validation.fuzz.inputs import Kind, damaged, kinds
+from via_validation.fuzz.page import write
+from via_validation.fuzz.run import Result
+from via_validation.provenance import provenance
 
 
-@pytest.mark.parametrize("kind", ["device", "mapping", "effects", "commands", "bag", "report"])
+@pytest.mark.parametrize("kind", list(kinds()))
 def test_damaged_files_are_read_or_refused(kind):
-    assert set(kinds()) == {"device", "mapping", "effects", "commands", "bag", "report"}
     (result,) = run.batches(kind, 100, seed=1)
     assert result.faults == [] and result.read + result.refused == 100
     assert result.refused > 0 or kind == "bag"  # see below
@@ -40,6 +44,22 @@ def test_a_loader_that_raises_something_else_is_a_fault(monkeypatch):
     monkeypatch.setattr(run, "kinds", lambda: {"x": Kind(".x", (b"abcdef",), read)})
     result = run._read("x", range(5), 0)
     assert len(result.faults) + result.read == 5 and "ZeroDivisionError" in result.faults[0]
+
+
+def test_an_error_with_values_and_lists_of_a_file_is_short(tmp_path):
+    path = tmp_path / "x.yaml"
+    path.write_text("name: x\nmotors: [" + "{inert: 1}, " * 50 + "]\n" + "k" * 500 + ": 1\n")
+    with pytest.raises(DeviceError, match=r"x.yaml: .*motors\.1\.inert.* \.\. .*is no known key$") as raised:
+        load_device(path)
+    assert len(str(raised.value)) < 1600
+
+
+def test_the_page_states_counts_faults_and_kinds_not_run(tmp_path):
+    found = {"a": sum([Result(2, 1, 1), Result(3, 0, 2, ["a 4: `x`"], 1.5)], Result()), "b": Result(1, 1)}
+    write(found, ["c"], 7, provenance("via fuzz"), tmp_path / "fuzz.md")
+    text = (tmp_path / "fuzz.md").read_text()
+    assert "| a | 5 | 1 | 3 | 1 | 1.5 |" in text and "| all | 6 | 2 | 3 | 1 | |" in text
+    assert "`a 4: 'x'`" in text and "Not run: c." in text
 
 
 def test_damage_is_the_same_for_a_seed():

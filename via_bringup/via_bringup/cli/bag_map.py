@@ -38,7 +38,10 @@ def map_file(
     counts_per_turn: Annotated[
         float | None, typer.Option(min=1.0, help="Counts of one turn, for positions in counts.")
     ] = None,
-    torque_constant: Annotated[float | None, typer.Option(help="Torque per current at the joint \\[N m/A].")] = None,
+    torque_constant: Annotated[
+        float | None,
+        typer.Option(help="Torque per current at the joint \\[N m/A]: constant of the motor times gear ratio."),
+    ] = None,
 ) -> None:
     """Show columns or topics of a recording with rates and guesses, and write the commented mapping."""
     bag, tables = is_bag(file), read_tables(file)

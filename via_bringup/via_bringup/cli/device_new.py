@@ -32,7 +32,10 @@ def new(
     counts_per_turn: Annotated[
         float | None, typer.Option(min=1.0, help="Counts of one turn, for positions in counts.")
     ] = None,
-    torque_constant: Annotated[float | None, typer.Option(help="Torque per current at the joint \\[N m/A].")] = None,
+    torque_constant: Annotated[
+        float | None,
+        typer.Option(help="Torque per current at the joint \\[N m/A]: constant of the motor times gear ratio."),
+    ] = None,
 ) -> None:
     """Write a commented device file from a model (URDF, MJCF), a recording, both, or the answers to questions.
 

@@ -39,6 +39,8 @@ def export(
     Without --into a model of the joint alone is written. --check states the gap of the log before and after the repair
     in MuJoCo, beside that of the simulator of the diagnosis and of the report.
     """
+    if check and to != "mjcf":
+        raise ViaError(f"--check runs MuJoCo: it needs --to mjcf, got '{to}'")
     described = load_device(device)
     effects, report = _read(source)
     made = exported(described, effects, to, into, joint, supply)
@@ -48,8 +50,6 @@ def export(
     for note in made.notes:
         answers.print(f"by hand: {note}", soft_wrap=True)
     if check:
-        if to != "mjcf":
-            raise ViaError(f"--check runs MuJoCo: it needs --to mjcf, got '{to}'")
         _check(check, described, effects, report, into, joint)
 
 

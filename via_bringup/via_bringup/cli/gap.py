@@ -88,6 +88,8 @@ def diagnose(
         for path in (out, html, effects_out):
             if path is not None:
                 answers.print(f"wrote {_named(path, joint)}")
+        if out is not None and device is not None and report.repaired():
+            answers.print(f"next: via export {out} --device {device} --to mjcf --check {logs[0]}", soft_wrap=True)
 
 
 def _of_arm(

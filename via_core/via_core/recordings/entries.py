@@ -72,7 +72,8 @@ def entries_of(
         if quantity == "current":
             if constants.torque_constant is None:
                 remarks.append(
-                    f"column '{guess.column}' looks like a current; --torque-constant [N m/A at joint] makes it torque"
+                    f"column '{guess.column}' looks like a current and is not used; --torque-constant makes it a "
+                    "torque: write N m/A at the joint, which is the constant of the motor times the gear ratio"
                 )
                 continue
             entry |= {"unit": guess.unit, "torque_constant": constants.torque_constant}

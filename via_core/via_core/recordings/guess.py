@@ -148,7 +148,7 @@ def guess_columns(
                 else:
                     guess = _by_values(guess, values, (limits or {}).get(guess.joint))
             found.append(guess)
-    return _numbered(found, joints)
+    return _numbered(found if joints else _by_path(found), joints)
 
 
 def _by_name(table: str, column: str, joints: Sequence[str], bag: bool) -> ColumnGuess:
@@ -188,7 +188,7 @@ def _by_name(table: str, column: str, joints: Sequence[str], bag: bool) -> Colum
     sure = bool(unit) or (bag and "." in column)
     if quantity and not unit:
         unit = UNITS[quantity]
-    reason = "by the message type" if bag and "." in column else "by its name"
+    reason = "by the message type" if bag and "." in column else "by its name" if quantity else "not used"
     return ColumnGuess(table, column, quantity, joint, unit, sure, reason)
 
 
@@ -213,6 +213,25 @@ def _by_values(guess: ColumnGuess, values: Array, limits: tuple[float, float] | 
     if np.all(there == np.rint(there)) and size > 720.0:
         return replace(guess, unit="counts", reason=f"integers up to {size:.0f}, taken as counts; check")
     return replace(guess, unit="deg", reason=f"up to {size:.3g}, taken as deg; check")
+
+
+def _by_path(guesses: list[ColumnGuess]) -> list[ColumnGuess]:
+    """The joint of names with parts, as `/joint_states/elbow/position`: the part that differs between like columns."""
+    parts = [re.split(r"[/.]", guess.column) for guess in guesses]
+    frames = [
+        {(guess.table, guess.quantity, i, *part[:i], "", *part[i + 1 :]): part[i] for i in range(len(part))}
+        for guess, part in zip(guesses, parts, strict=True)
+    ]
+    seen: dict[tuple[object, ...], set[str]] = {}
+    for frame in frames:
+        for key, part in frame.items():
+            seen.setdefault(key, set()).add(part)
+    made = []
+    for guess, frame in zip(guesses, frames, strict=True):
+        different = [part for key, part in frame.items() if len(seen[key]) > 1]
+        named = guess.quantity and not guess.joint and len(frame) > 1 and len(different) == 1
+        made.append(replace(guess, joint=different[0]) if named else guess)
+    return made
 
 
 def _numbered(guesses: list[ColumnGuess], joints: Sequence[str]) -> list[ColumnGuess]:

@@ -21,11 +21,12 @@ SPELLED = {
     "revs": "turn", "sec": "s", "secs": "s", "usec": "us", "msec": "ms", "nsec": "ns", "degs": "deg", "°": "deg",
     "rads": "rad", "rps": "turn/s", "kgf cm": "kilogram_force cm", "oz in": "force_ounce inch",
 }  # fmt: skip
-DIMENSIONS = {
+FORCE = "[length] * [mass] / [time] ** 2"
+DIMENSIONS = {  # of joints that slide, and of what has no rad
     "time": ("[time]",),
-    "angle": ("dimensionless", "[length]"),
-    "speed": ("1 / [time]", "[length] / [time]"),
-    "torque": ("[length] ** 2 * [mass] / [time] ** 2", "[length] * [mass] / [time] ** 2"),
+    "angle": ("[length]",),
+    "speed": ("[length] / [time]",),
+    "torque": ("[length] ** 2 * [mass] / [time] ** 2", FORCE),
     "current": ("[current]",),
 }
 _WRITTEN = re.compile(r"[A-Za-zµ°%_][A-Za-zµ0-9 _*/^.·°-]{0,39}|-|%|")
@@ -60,21 +61,23 @@ def factor(unit: str, counts_per_turn: float | None = None) -> float:
 
 
 def kind(unit: str) -> str:
-    """'time', 'angle', 'speed', 'torque' (or force) or 'current' by dimension; '' for others."""
+    """'time', 'angle', 'speed', 'torque' (or force) or 'current' by dimension; '' for others, such as Hz and %."""
     counts = COUNTS.fullmatch(unit)
     if counts:
         return "speed" if counts["rate"] else "angle"
-    dimension = _unit(unit).dimensionality
-    for name, written in DIMENSIONS.items():
-        if any(dimension == _registry().get_dimensionality(each) for each in written if each != "dimensionless"):
+    si = _unit(unit).to_base_units()  # keeps rad, which has no dimension
+    if "radian" in str(si.units):
+        return {0: "angle", -1: "speed"}.get(si.dimensionality.get("[time]", 0), "")
+    for name, dimensions in DIMENSIONS.items():
+        if any(si.dimensionality == _registry().get_dimensionality(each) for each in dimensions):
             return name
-    return "angle" if not dimension else ""
+    return ""
 
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit that this module converts."""
     try:
-        return bool(COUNTS.fullmatch(text) or _unit(text))
+        return COUNTS.fullmatch(text) is not None or _unit(text) is not None
     except ParameterError:
         return False
 
@@ -84,4 +87,5 @@ def is_linear(unit: str) -> bool:
     if COUNTS.fullmatch(unit):
         return False
     dimension = _unit(unit).dimensionality
-    return any(dimension == _registry().get_dimensionality(each[1]) for each in DIMENSIONS.values() if len(each) > 1)
+    linear = [*DIMENSIONS["angle"], *DIMENSIONS["speed"], FORCE]
+    return any(dimension == _registry().get_dimensionality(each) for each in linear)

@@ -93,6 +93,13 @@ def described(
         made.sources.append(str(recorded.path))
         made.linear = made.linear or linear(entries)
     made.name = device_name(made.joint)
+    if robot is not None and recorded is not None:
+        seen = {guess.joint for guess in recorded.guesses if guess.quantity == "position"}
+        if others := [each.name for each in robot.joints if each.name in seen and each.name != joint]:
+            made.remarks.append(
+                f"the recording also has {', '.join(others)}: where they move they act on {joint}, so diagnose all "
+                f"joints together: via gap diagnose {recorded.path} --arm {made.sources[0]}"
+            )
     if recorded is not None:
         _choose_drive(made)
         _measure(made, recorded, robot is not None)

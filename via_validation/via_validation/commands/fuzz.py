@@ -2,34 +2,44 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
-from via_bringup.cli.console import answers, table
+from rich.progress import track
+from via_bringup.cli.console import answers, errors, table
+
+PAGE = "fuzz.md"
 
 
 def fuzz(
     inputs: Annotated[int, typer.Option(help="Damaged files of each kind.")] = 1000,
     kind: Annotated[list[str] | None, typer.Option(help="Kind of file (repeat for more); default: all.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the damage.")] = 0,
+    write: Annotated[Path | None, typer.Option(help=f"Also write {PAGE} into this folder, after every kind.")] = None,
 ) -> None:
     """Damage files and give them to the loaders: each must be read or refused in one line.
 
     The exit code is 1 if one is not.
     """
+    from via_validation.fuzz import page  # loads the diagnosis
     from via_validation.fuzz.inputs import kinds
-    from via_validation.fuzz.run import batches
+    from via_validation.fuzz.run import Result, batches
+    from via_validation.provenance import provenance
 
-    listing, faults = table("damaged files", "kind", "read", "refused", "faults", "memory growth per batch [MB]"), []
-    for name in kind or kinds():
-        found = list(batches(name, inputs, seed))
-        own = [fault for each in found for fault in each.faults]
-        faults += own
-        growth = max(each.growth for each in found)
-        counts = sum(each.read for each in found), sum(each.refused for each in found), len(own)
-        listing.add_row(name, *map(str, counts), f"{growth:.1f}")
+    names = kind or list(kinds())
+    words = f"via fuzz --inputs {inputs}" + "".join(f" --kind '{name}'" for name in kind or []) + f" --seed {seed}"
+    source, found = provenance(words), dict[str, Result]()
+    for name in track(names, "damaged files", console=errors):
+        found[name] = sum(batches(name, inputs, seed), Result())
+        if write is not None:
+            page.write(found, names[len(found) :], seed, source, write / PAGE)
+    listing = table("damaged files", "kind", "files", "read", "refused", "faults", "memory growth [MB]")
+    for name, each in found.items():
+        counts = each.files, each.read, each.refused, len(each.faults)
+        listing.add_row(name, *map(str, counts), f"{each.growth:.1f}")
     answers.print(listing)
-    for fault in faults:
-        answers.print(fault)
-    if faults:
+    for fault in (fault for each in found.values() for fault in each.faults):
+        answers.print(fault, markup=False)
+    if any(each.faults for each in found.values()):
         raise typer.Exit(1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,7 +15,11 @@ from via_core.bags.messages import command_messages, joint_messages
 from via_core.bags.writer import BagWriter
 from via_core.command_files import read_motion
 from via_core.devices import device_names, load_device
+from via_core.recordings.tables import read_tables
+from via_core.robots.models import read_robot
+from via_core.vsa_arms import load_vsa_arm
 from via_core.wire import JOINT_STATE, VSA_COMMAND
+from via_gap.run.arms import load_arm
 from via_sim.effects import Effect
 from via_sim.effects.files import effects_text, load_effects
 from via_sim.plants import JointPlant
@@ -31,12 +35,30 @@ TOKENS = (
 )  # fmt: skip
 
 
+MJCF = """<mujoco model="arm">
+  <default><joint damping="0.1" frictionloss="0.02" armature="0.001"/></default>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder" type="hinge" axis="0 1 0" range="-90 90"/>
+      <inertial pos="0 0 -0.1" mass="0.5" diaginertia="0.002 0.002 0.0004"/>
+      <body name="lower" pos="0 0 -0.2">
+        <joint name="elbow" type="hinge" axis="0 1 0"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.2" size="0.02" mass="0.3"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><position joint="shoulder" kp="20" forcerange="-2 2"/><motor joint="elbow" gear="6"/></actuator>
+</mujoco>
+"""
+
+
 class Kind(NamedTuple):
     """One kind of file: ending, originals, and the function that reads a file."""
 
     ending: str
     originals: tuple[bytes, ...]
     read: Callable[[Path], Any]
+    beside: Mapping[str, bytes] = {}  # sound files in the same folder, by name
 
 
 def kinds() -> dict[str, Kind]:
@@ -51,7 +73,12 @@ def kinds() -> dict[str, Kind]:
         "mapping": Kind(".yaml", mappings, load_mapping),
         "effects": Kind(".yaml", (effects_text(effects).encode(),), load_effects),
         "commands": Kind(".csv", (commands.encode(),), lambda path: read_motion(path, load_device("cubic_demo"))),
+        "recording": Kind(".csv", (_recording().encode(),), read_tables),
         "bag": Kind(".mcap", (_bag(),), _read_bag),
+        "arm": Kind(".yaml", _contents("vsa_arms", ".yaml"), load_vsa_arm, _beside("vsa_arms")),
+        "rigid arm": Kind(".yaml", _contents("arms", ".yaml"), load_arm, _beside("arms")),
+        "URDF": Kind(".urdf", _contents("arms", ".urdf") + _contents("vsa_arms", ".urdf"), read_robot),
+        "MJCF": Kind(".xml", (MJCF.encode(),), read_robot),
         "report": Kind(".json", (sample_report(),), read_whole_report),
     }
 
@@ -74,6 +101,22 @@ def damaged(rng: np.random.Generator, original: bytes) -> bytes:
         else:
             data[begin:end] = rng.bytes(end - begin)
     return bytes(data)
+
+
+def _contents(folder: str, ending: str) -> tuple[bytes, ...]:
+    """Shipped files of a folder with this ending."""
+    there = sorted(files("via_core").joinpath(folder).iterdir(), key=lambda each: each.name)
+    return tuple(each.read_bytes() for each in there if each.name.endswith(ending))
+
+
+def _beside(folder: str) -> dict[str, bytes]:
+    there = files("via_core").joinpath(folder).iterdir()
+    return {each.name: each.read_bytes() for each in there if each.name.endswith(".urdf")}
+
+
+def _recording() -> str:
+    rows = "".join(f"{0.01 * k:.2f};{np.sin(0.1 * k):.4f};{10 * k};[{k}, 2];on\n" for k in range(30))
+    return f"# a robot\ntime [s];elbow position [rad];count;list;state\n{rows}"
 
 
 def _device(path: Path) -> None:

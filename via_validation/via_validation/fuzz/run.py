@@ -21,19 +21,24 @@ from via_core.errors import ViaError
 
 from via_validation.fuzz.inputs import damaged, kinds
 
-BATCH = 200  # files per child process call
+BATCH = 2000  # files per child process call
 PATIENCE = 60  # [s] for one file
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
 @dataclass
 class Result:
-    """Counts of one kind of file in one batch, and one line for each fault."""
+    """Counts of one kind of file, and one line for each fault; the sum of batches has their largest growth."""
 
+    files: int = 0
     read: int = 0
     refused: int = 0
     faults: list[str] = field(default_factory=list)
     growth: float = 0.0  # [MB] of the largest memory, in the second half of the batch
+
+    def __add__(self, other: Result) -> Result:
+        counts = self.files + other.files, self.read + other.read, self.refused + other.refused
+        return Result(*counts, self.faults + other.faults, max(self.growth, other.growth))
 
 
 def batches(kind: str, inputs: int, seed: int) -> Iterator[Result]:
@@ -44,15 +49,18 @@ def batches(kind: str, inputs: int, seed: int) -> Iterator[Result]:
             try:
                 yield pool.submit(_read, kind, numbers, seed).result()
             except BrokenProcessPool:
-                yield Result(faults=[f"{kind} {numbers.start} to {numbers.stop - 1}: the process crashed"])
+                crash = f"{kind} {numbers.start} to {numbers.stop - 1}: the process crashed"
+                yield Result(len(numbers), faults=[crash])
 
 
 def _read(kind: str, numbers: range, seed: int) -> Result:
-    result, (ending, originals, read) = Result(), kinds()[kind]
+    result, (ending, originals, read, beside) = Result(len(numbers)), kinds()[kind]
     before = 0
     signal.signal(signal.SIGALRM, _too_long)
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"file{ending}"
+        for name, content in beside.items():
+            (Path(folder) / name).write_bytes(content)
         for original in originals:
             path.write_bytes(original)
             read(path)  # imports and compiles
