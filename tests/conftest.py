@@ -24,7 +24,7 @@ except ImportError as error:
 from rclpy.parameter import Parameter
 from via_ros import middleware
 from via_ros.domains import reserved_domain
-from via_ros.spin import close_all, make_executor, spin_until
+from via_ros.spin import close_all, make_executor, remove, spin_until
 
 middleware.prepare()
 
@@ -68,8 +68,8 @@ class Graph:
 
     def remove(self, node: Any) -> None:
         """Take a node out and close it."""
-        self.executor.remove_node(node)
         self.nodes.remove(node)
+        remove(self.executor, node)
         close_all([node])
 
 

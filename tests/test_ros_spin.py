@@ -6,12 +6,13 @@ import subprocess
 import sys
 
 import pytest
+import rclpy
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.task import Future
 from std_msgs.msg import UInt64
 from via_core.errors import ParameterError
 from via_ros import qos
-from via_ros.spin import EXECUTORS, make_executor, spin, spin_until
+from via_ros.spin import EXECUTORS, STEADY, close_all, make_executor, remove, spin, spin_until
 
 NODE_FILE = """
 import sys
@@ -59,6 +60,31 @@ def test_every_message_is_received_and_the_future_ends_the_spin(graph, kind):
     spin(executor, finished)
     assert heard == list(range(500))
     executor.remove_node(node)
+    executor.shutdown()
+
+
+@pytest.mark.parametrize("kind", EXECUTORS)
+def test_a_removed_node_is_not_called_any_more(graph, kind):
+    """Callbacks of its timers stand in the events executor's queue at half of these removals."""
+    executor, beats = make_executor(kind, graph.context), []
+    other = rclpy.create_node("other", context=graph.context)
+    executor.add_node(other)
+    other.create_timer(0.001, lambda: beats.append(True), clock=STEADY)
+    for number in range(1, 41):
+        calls, closed = [], []
+        node = rclpy.create_node("removed", context=graph.context)
+        for period in (0.001, 0.002, 0.003):
+            node.create_timer(period, lambda calls=calls, closed=closed: calls.append(bool(closed)), clock=STEADY)
+        executor.add_node(node)
+        assert spin_until(executor, lambda calls=calls, number=number: len(calls) >= number % 5 + 1, 30.0)
+        remove(executor, node)
+        close_all([node])
+        closed.append(True)
+        wanted = len(beats) + 5
+        assert spin_until(executor, lambda wanted=wanted: len(beats) >= wanted, 30.0)
+        assert not any(calls)
+    remove(executor, other)
+    close_all([other])
     executor.shutdown()
 
 

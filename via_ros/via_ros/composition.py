@@ -56,7 +56,7 @@ class Composition:
     def remove(self, node: Any) -> None:
         """Close and destroy one node."""
         self._nodes.remove(node)
-        self._executor.remove_node(node)
+        spin.remove(self._executor, node)
         spin.close_all([node])
 
     def run_until(self, condition: Callable[[], bool], timeout: float, what: str) -> None:

@@ -63,6 +63,18 @@ def spin_until(executor: Any, condition: Callable[[], bool], timeout: float) -> 
     return True
 
 
+def remove(executor: Any, node: Any) -> None:
+    """Take a node out of its executor; when this returns, none of its callbacks will run any more.
+
+    The events executor learns of the removal by an event in its own queue. Callbacks of the node may stand before that
+    event, or be put behind it until it is reached; the second task stands behind those.
+    """
+    executor.remove_node(node)
+    for _ in range(2):
+        settled = executor.create_task(lambda: None)
+        executor.spin_until_future_complete(settled, timeout_sec=FOREVER)
+
+
 def close_all(nodes: Iterable[Any], failed: bool = False) -> None:
     """Destroy nodes, after a call of their method `close(failed)` (finish a bag, join a thread) where they have one."""
     for node in nodes:

@@ -19,7 +19,7 @@ from via_core.recordings.tables import read_tables
 from via_core.robots.models import read_robot
 from via_core.vsa_arms import load_vsa_arm
 from via_core.wire import JOINT_STATE, VSA_COMMAND
-from via_gap.run.arms import load_arm
+from via_gap.run.arm_model import load_arm
 from via_sim.effects import Effect
 from via_sim.effects.files import effects_text, load_effects
 from via_sim.plants import JointPlant
