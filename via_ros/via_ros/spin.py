@@ -71,8 +71,8 @@ def remove(executor: Any, node: Any) -> None:
     """
     executor.remove_node(node)
     for _ in range(2):
-        settled = executor.create_task(lambda: None)
-        executor.spin_until_future_complete(settled, timeout_sec=FOREVER)
+        reached = executor.create_task(lambda: None)
+        executor.spin_until_future_complete(reached, timeout_sec=FOREVER)
 
 
 def close_all(nodes: Iterable[Any], failed: bool = False) -> None:
