@@ -8,7 +8,7 @@ from via_sim.effects.catalogue import EFFECTS  # noqa: F401  the workspace must 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "VIA"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "docstrings", "command_reference", "interface_reference"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "docstrings", "command_reference", "interface_reference", "method_reference"]
 exclude_patterns = ["extensions"]
 highlight_language = "bash"  # blocks without a language are shell commands
 

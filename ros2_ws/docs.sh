@@ -3,5 +3,5 @@
 set -euo pipefail
 rm -rf "${1:?usage: docs.sh FOLDER}"
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-python -m sphinx --quiet --fail-on-warning --fresh-env --jobs auto --doctree-dir "$1.doctrees" docs "$1"
+python -m sphinx --quiet --fail-on-warning --fresh-env --jobs 1 --doctree-dir "$1.doctrees" docs "$1"
 rm -rf "$1.doctrees"
