@@ -8,11 +8,20 @@ from via_sim.effects.catalogue import EFFECTS  # noqa: F401  the workspace must 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "VIA"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "docstrings", "command_reference", "interface_reference", "method_reference"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "docstrings",
+    "command_reference",
+    "interface_reference",
+    "method_reference",
+]
 exclude_patterns = ["extensions"]
 highlight_language = "bash"  # blocks without a language are shell commands
 
 html_theme = "furo"
+html_static_path = ["static"]
+html_css_files = ["via.css"]
 html_title = "VIA"
 html_show_copyright = False
 html_show_sphinx = False

@@ -110,7 +110,19 @@ def test_the_python_reference_describes_the_diagnosis(pages: dict[Path, Page], s
 
 def test_a_broken_link_fails_the_build(tmp_path: Path):
     (tmp_path / "index.md").write_text("# Page\n\n[nowhere](nowhere.md)\n")
-    command = ["python", "-m", "sphinx", "-q", "-W", "-c", DOCS, "-D", "extensions=myst_parser", tmp_path, tmp_path / "out"]
+    command = [
+        "python",
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "-c",
+        DOCS,
+        "-D",
+        "extensions=myst_parser",
+        tmp_path,
+        tmp_path / "out",
+    ]
     built = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
     assert built.returncode != 0
     assert "nowhere.md" in built.stderr

@@ -28,7 +28,9 @@ def code(content: str, language: str = "text") -> nodes.literal_block:
 
 def section(title: str, name: str) -> nodes.section:
     """A section whose anchor is made from `name`."""
-    return nodes.section("", nodes.title("", title), ids=[nodes.make_id(name)], names=[nodes.fully_normalize_name(name)])
+    return nodes.section(
+        "", nodes.title("", title), ids=[nodes.make_id(name)], names=[nodes.fully_normalize_name(name)]
+    )
 
 
 def definitions(entries: Iterable[tuple[str, str]]) -> nodes.definition_list:
@@ -36,7 +38,9 @@ def definitions(entries: Iterable[tuple[str, str]]) -> nodes.definition_list:
     return nodes.definition_list(
         "",
         *(
-            nodes.definition_list_item("", nodes.term("", "", nodes.literal("", term)), nodes.definition("", text(meaning)))
+            nodes.definition_list_item(
+                "", nodes.term("", "", nodes.literal("", term)), nodes.definition("", text(meaning))
+            )
             for term, meaning in entries
         ),
     )

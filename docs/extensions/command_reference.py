@@ -65,4 +65,4 @@ def _entry(parameter: Any, context: Any) -> tuple[str, str]:
     record = parameter.get_help_record(context)
     if record is None:
         return parameter.make_metavar(context), ""
-    return " ".join(record[0].split()), " ".join(record[1].split())
+    return " ".join(record[0].split()), " ".join(record[1].split()).replace("\\[", "[")  # as rich needs it

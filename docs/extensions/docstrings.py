@@ -18,7 +18,13 @@ CODE = re.compile(r"``[^`]+``|`[^`]+`")
 def setup(app: Any) -> dict[str, bool]:
     """Register the conversion with Sphinx."""
     app.connect("autodoc-process-docstring", _process)
+    app.connect("autodoc-skip-member", _skip)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _skip(_app: Any, _what: str, name: str, _obj: object, skip: bool, _options: object) -> bool | None:
+    """Leave out what pydantic adds to every model."""
+    return True if name == "model_config" else None
 
 
 def _process(_app: Any, _what: str, _name: str, _obj: object, _options: object, lines: list[str]) -> None:
@@ -34,13 +40,21 @@ def converted(paragraph: list[str]) -> list[str]:
     if all(line.startswith(" ") for line in paragraph):
         return _literal(paragraph)
     if paragraph[0].startswith("- "):
-        return [f"- {_inline(line.removeprefix('- '))}" if line.startswith("- ") else f"  {_inline(line.strip())}" for line in paragraph]
+        return [
+            f"- {_inline(line.removeprefix('- '))}" if line.startswith("- ") else f"  {_inline(line.strip())}"
+            for line in paragraph
+        ]
     out: list[str] = []
     text: list[str] = []
     for line in paragraph:
         entry = ENTRY.fullmatch(line)
         if entry and not line.startswith(" "):
-            out += [*_text(text), *([""] if text else []), f"``{entry['term'].strip('`')}``", f"   {_inline(entry['text'])}"]
+            out += [
+                *_text(text),
+                *([""] if text else []),
+                f"``{entry['term'].strip('`')}``",
+                f"   {_inline(entry['text'])}",
+            ]
             text = []
         elif out and not text and line.startswith(" "):
             out.append(f"   {_inline(line.strip())}")

@@ -50,9 +50,15 @@ def _section(file: Path, kind: str) -> nodes.section:
 
 def fields(part: str) -> list[tuple[str, str, str]]:
     """Name, type and meaning of each field and constant of one part of an interface file."""
-    found = [LINE.fullmatch(line.strip()) for line in part.splitlines() if line.strip() and not line.startswith(("#", "---"))]
+    found = [
+        LINE.fullmatch(line.strip()) for line in part.splitlines() if line.strip() and not line.startswith(("#", "---"))
+    ]
     return [
-        (f"`{each['name']}`" + (f" = {each['constant'].strip()}" if each["constant"] else ""), f"`{each['type']}`", each["text"] or "")
+        (
+            f"`{each['name']}`" + (f" = {each['constant'].strip()}" if each["constant"] else ""),
+            f"`{each['type']}`",
+            each["text"] or "",
+        )
         for each in found
         if each
     ]

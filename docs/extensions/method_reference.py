@@ -1,6 +1,6 @@
 """Directives `estimators` and `controllers`: every method with its parameters, from the registries.
 
-`default-methods` is the table of the shipped devices with the methods that suit them.
+`default-methods` is a table of the methods that suit the shipped devices.
 """
 
 from __future__ import annotations
@@ -49,12 +49,14 @@ class DefaultMethods(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """The table."""
         files = sorted((Path(via_core.devices.__file__).parent / "devices").glob("*.yaml"))
-        rows = []
+        alike: dict[tuple[str, str, tuple[str, ...]], list[str]] = {}
         for device in (load_device(file.stem) for file in files):
-            suited = [f"`{name}`" for name in methods_for(device)] or ["none"]
-            drive = f"{device.arrangement}, {device.drive} drive"
-            rows.append((f"`{device.name}`", drive, suited[0], ", ".join(suited[1:])))
-        return [blocks.table(("Device", "Arrangement", "Default", "Also possible"), rows)]
+            alike.setdefault((device.arrangement, device.drive, methods_for(device)), []).append(f"`{device.name}`")
+        rows = []
+        for (arrangement, drive, methods), names in sorted(alike.items()):
+            suited = [f"`{name}`" for name in methods] or ["none"]
+            rows.append((f"{arrangement}, {drive} drive", ", ".join(names), suited[0], ", ".join(suited[1:])))
+        return [blocks.table(("Joint", "Shipped devices", "Default", "Also possible"), rows)]
 
 
 def _section(name: str, docstring: str | None, parameters: Any) -> nodes.section:

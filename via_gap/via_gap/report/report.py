@@ -1,8 +1,8 @@
 """GapReport: the result of a diagnosis, numbers only. `rendering` makes text and pages of it.
 
-report = diagnose([log], device)
-text = report.to_json()                       # its schema: gap_report.schema.json
-again = GapReport.model_validate_json(text)
+    report = diagnose([log], device)
+    text = report.to_json()                       # its schema: gap_report.schema.json
+    again = GapReport.model_validate_json(text)
 """
 
 from __future__ import annotations

@@ -52,7 +52,8 @@ class Effect:
     def __post_init__(self) -> None:
         kind = _kind(self.name)
         if kind is None:
-            raise ParameterError(f"effect: must be one of {', '.join((*EFFECTS, DEVICE_NUMBERS.name))}, got '{self.name}'")
+            known = ", ".join((*EFFECTS, DEVICE_NUMBERS.name))
+            raise ParameterError(f"effect: must be one of {known}, got '{self.name}'")
         if self.site not in kind.sites:
             raise ParameterError(f"{self.name}.site: must be one of {', '.join(kind.sites)}, got '{self.site}'")
         allowed = _NUMBERED.get(self.site, (0,))
