@@ -43,13 +43,13 @@ def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, .
     def whole(given: Values) -> Values:
         return {p.name: float(np.clip(given.get(p.name, p.neutral), p.low, p.high)) for p in parameters}
 
-    made = _STARTS[location.name].made(_Here(scales, location, device))
+    made = _starts_of(location).made(_Here(scales, location, device))
     return tuple(replace(start, directions=tuple(map(whole, start.directions))) for start in made)
 
 
 def size_parameters(location: Location) -> tuple[str, ...]:
     """Names of the size parameters of an effect: at their neutral values it is absent."""
-    return _STARTS[location.name].sizes
+    return _starts_of(location).sizes
 
 
 def combined(location: Location, start: Start, amounts: Sequence[float]) -> list[float]:
@@ -142,6 +142,17 @@ class _Starts:
 
     sizes: tuple[str, ...]
     made: Callable[[_Here], list[Start]]
+
+
+def _starts_of(location: Location) -> _Starts:
+    """The starts of an effect. One that was added to the catalogue starts at a tenth of the typical sizes."""
+    if location.name in _STARTS:
+        return _STARTS[location.name]
+    parameters = location.parameters
+    sizes = tuple(p.name for p in parameters if p.linear) or tuple(p.name for p in parameters)
+    return _grid(
+        *sizes, at=lambda h: [{p.name: p.neutral + 0.1 * size_of(p, h.location, h.scales) for p in parameters}]
+    )
 
 
 def _one(**values: Callable[[_Here], float]) -> _Starts:

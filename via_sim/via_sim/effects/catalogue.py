@@ -7,10 +7,8 @@ measurements that use these slots serve the simulator and the equations of a log
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from math import pi
-from types import MappingProxyType
 
 from via_core.errors import ParameterError
 from via_core.signals import Array
@@ -338,7 +336,8 @@ _KINDS = (
     ),
 )
 
-EFFECTS: Mapping[str, EffectKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
+# A package of its own may add a kind: EFFECTS[kind.name] = kind. Simulator, effects files and diagnosis then use it.
+EFFECTS: dict[str, EffectKind] = {kind.name: kind for kind in _KINDS}
 DEVICE_NUMBERS = EffectKind(
     "device_numbers",
     "factors on numbers of the device file, fitted with the effects and written before them",
