@@ -11,7 +11,7 @@ values are proportional to it. With inertia B +- tolerance b in the file, found 
 max(0, (B'/B - 1)^2 - (sd/B)^2 - b^2), which is added to the relative variances of stiffness, inertia and damping.
 
 A step between two samples that no joint can make, such as one wild number of a damaged message, is a bad sample: in a
-window or a long memory it would act like many true ones. Where the signal stays there, the window restarts as after a gap.
+window or a long memory it would act like many true ones. If the signal stays there, the window restarts as after a gap.
 
 Samples are kept at no more than RATE, with the mean of the torques between them, so that a state remains small.
 """
@@ -132,7 +132,7 @@ class Checked(Wrapped):
     def _steps(self) -> tuple[Array, Array]:
         """Largest step (1 + k,) of every column between two samples, and what it grows by per second; inf: any."""
         device = self.device
-        springs = [abs(float(law.torque(law.max_deflection))) for law in device.spring_laws]
+        springs = [abs(float(spring.torque(spring.max_deflection))) for spring in device.spring_laws]
         limits = [getattr(motor, "torque_limit", None) or 0.0 for motor in device.motors]
         largest, step, rate = max([0.0, *springs, *limits]), [np.inf], [0.0]
         for name in self.inputs:

@@ -20,7 +20,8 @@ class Fault:
 
     injected  what is injected
     must      what must happen
-    check     injects the fault into a new graph and returns what was seen; raises `MissedError` with what was seen otherwise
+    check     injects the fault into a new graph and returns what was seen; raises `MissedError` with what was seen
+              if the requirement is missed
     quick     whether it runs in the tests: takes a few seconds and does not depend on the machine's speed
     """
 
