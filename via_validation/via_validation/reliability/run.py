@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import NamedTuple
 
-from via_validation.reliability import estimators
+from via_validation.reliability import controllers, estimators
 from via_validation.reliability.fault import Fault, MissedError, Outcome
 from via_validation.reliability.graph import Graph
 
@@ -32,6 +32,8 @@ def groups() -> Mapping[str, Sequence[Fault]]:
     """Title of each group -> its faults."""
     return {
         "Samples of an estimator": estimators.faults(),
+        "Samples of a controller": controllers.sample_faults(),
+        "Estimates and references of a controller": controllers.input_faults(),
     }
 
 
