@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import NamedTuple
 
-from via_validation.reliability import controllers, estimators
+from via_validation.reliability import controllers, estimators, processes, requests, simulators
 from via_validation.reliability.fault import Fault, MissedError, Outcome
 from via_validation.reliability.graph import Graph
 
@@ -34,6 +34,9 @@ def groups() -> Mapping[str, Sequence[Fault]]:
         "Samples of an estimator": estimators.faults(),
         "Samples of a controller": controllers.sample_faults(),
         "Estimates and references of a controller": controllers.input_faults(),
+        "Commands and requests of a simulator": simulators.faults(),
+        "Lifecycle, parameters and services": requests.faults(),
+        "Processes": processes.faults(),
     }
 
 
