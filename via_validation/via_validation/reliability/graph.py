@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -63,8 +65,8 @@ class Graph:
 
     def pause(self, seconds: float) -> None:
         """Run callbacks for a while."""
-        end = time.monotonic() + seconds
-        self.until(lambda: time.monotonic() >= end, "the pause", seconds + PATIENCE)
+        with suppress(ViaError):
+            self.until(lambda: False, "nothing", seconds)
 
     def hear(self, kind: Any, topic: str, raw: bool = False) -> list[Any]:
         """A list that receives all messages of a topic."""
@@ -122,6 +124,11 @@ class Graph:
                 dict(options or {}),
             )
         )
+        return self._processes[-1]
+
+    def script(self, label: str, text: str, **options: Any) -> Process:
+        """A Python script as a process of its own."""
+        self._processes.append(Process(label, [sys.executable, "-c", text], self.folder, self.domain, options))
         return self._processes[-1]
 
     @property

@@ -10,7 +10,6 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
-from sensor_msgs.msg import JointState
 from via_controllers.nodes.single import NODES
 from via_core.devices import load_device
 from via_estimators.nodes.estimator import EstimatorNode
@@ -191,16 +190,35 @@ def _unanswered_requests(graph: Graph) -> str:
     return "20 clients left, all nodes work on"
 
 
+FOREIGN = """
+import rclpy, time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from via_interfaces.msg import StiffnessEstimate
+from via_ros import middleware
+middleware.prepare()
+rclpy.init()
+node = rclpy.create_node("foreign")
+kinds = {{"/joint_states": StiffnessEstimate, "/{name}/command": JointState, "/{name}/stiffness": String}}
+publishers = [(kind, node.create_publisher(kind, topic, 10)) for topic, kind in kinds.items()]
+subscriptions = [node.create_subscription(kind, topic, lambda _: None, 10) for topic, kind in kinds.items()]
+while True:
+    for kind, publisher in publishers:
+        publisher.publish(kind())
+    time.sleep(.005)
+"""
+
+
 def _foreign_types(graph: Graph) -> str:
-    """Topics of the nodes with publishers and subscribers of another type."""
-    topics = ("/joint_states", DEVICE.command_topic, f"/{DEVICE.name}/stiffness")
-    for number, topic in enumerate(topics):
-        node = graph.node(f"foreign_{number}")
-        kind = StiffnessEstimate if topic == "/joint_states" else JointState
-        node.create_publisher(kind, topic, 10).publish(kind())
-        node.create_subscription(kind, topic, lambda _: None, 10)
-    _running(graph)()
-    return "publishers and subscribers of other types on three topics, all nodes work"
+    """Another process publishes and subscribes to the topics of the nodes with other types."""
+    work = _running(graph)
+    foreign = graph.script("foreign", FOREIGN.format(name=DEVICE.name))
+    graph.until(lambda: graph.peer.count_publishers("/joint_states") > 1, "the foreign publisher")
+    for _ in range(5):
+        work()
+        graph.pause(0.1)
+    expect(foreign.code is None, f"the foreign node ended: {foreign.errors()[-200:]}")
+    return "publisher and subscriber of another type on each of three topics, all nodes work"
 
 
 def faults() -> list[Fault]:
