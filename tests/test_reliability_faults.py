@@ -17,7 +17,7 @@ def test_a_fault_does_what_it_must(group, fault):
 
 def test_every_fault_has_a_name_of_its_own():
     names = [(group, fault.injected) for group, faults in groups().items() for fault in faults]
-    assert len(set(names)) == len(names) >= 40
+    assert len(set(names)) == len(names) >= 60
 
 
 def test_a_requirement_that_is_missed_and_an_error_of_a_node_are_outcomes():

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import NamedTuple
 
-from via_validation.reliability import controllers, estimators, processes, recordings, requests, simulators
+from via_validation.reliability import controllers, estimators, playing, processes, recordings, requests, simulators
 from via_validation.reliability.fault import Fault, MissedError, Outcome
 from via_validation.reliability.graph import Graph
 
@@ -36,7 +36,8 @@ def groups() -> Mapping[str, Sequence[Fault]]:
         "Estimates and references of a controller": controllers.input_faults(),
         "Commands and requests of a simulator": simulators.faults(),
         "Lifecycle, parameters and services": requests.faults(),
-        "Bags": recordings.faults(),
+        "Recordings": recordings.faults(),
+        "Reading and playing of bags": playing.faults(),
         "Processes": processes.faults(),
     }
 
