@@ -24,6 +24,7 @@ EXCEPTED = {  # start of a command -> why it does not run here
     "via compare": "some minutes; via_validation/test/test_compare.py",
     "via changes": "some minutes; via_validation/test/test_changes.py",
     "via faults": "some minutes; tests/test_faulty_signals.py, via_validation/test/test_faults.py",
+    "via reliability": "a quarter of an hour; tests/test_reliability_faults.py",
     "via bench ": "some minutes; via_validation/test/test_bench_*.py",
     "via gap diagnose out/bags/*": "twelve recordings; tests/test_demo.py diagnoses the same ones",
     "via gap diagnose my_bag --device my_joint.yaml --html": "the next section diagnoses the same bag",
