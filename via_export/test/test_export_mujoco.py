@@ -9,8 +9,8 @@ from via_core.device_parts import Exponential, FourBar, Sinh
 from via_export import export
 from via_export.springs import preload, spring_terms
 from via_export.target import Target
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
-from via_sim.effects.catalogue import EFFECTS
 
 SECONDS = 1.0
 EXACT, SLOT = 1e-4, 2e-3  # of the standard deviation of the motion

@@ -18,8 +18,8 @@ from sim_joints import (
 from sim_together import simulate_rows
 from via_core.devices import load_device
 from via_core.signals import Array
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
-from via_sim.effects.catalogue import EFFECTS
 from via_sim.joint.encoders import true_motion
 from via_sim.joint.kernel import N_WEIGHTS, advance_tick, begin, run
 from via_sim.joint.parameters import P

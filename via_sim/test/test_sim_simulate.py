@@ -11,8 +11,8 @@ from sim_together import simulate_many
 from via_core.devices import device_names, load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
-from via_sim.effects.catalogue import EFFECTS
 from via_sim.joint.measurements import MEASURED
 from via_sim.joint.torques import N_COMMANDS
 from via_sim.plants import JointPlant

@@ -15,6 +15,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER, SpringLaw
 
+from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.effects import Effect, write_effects
 from via_sim.joint.friction import viscous_rate
 from via_sim.joint.kernel import derivative
@@ -27,7 +28,6 @@ from via_sim.joint.parameters import (
     N_PARAMETERS,
     NO_DRIVE,
     POSITION_DRIVE,
-    RIPPLE_HARMONICS,
     SERVO,
     TORQUE_DRIVE,
     P,

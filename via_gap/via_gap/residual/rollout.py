@@ -21,7 +21,7 @@ from math import ceil
 
 import numpy as np
 from via_core.signals import Array
-from via_sim.effects.catalogue import MAX_DELAY
+from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.encoders import true_motions
 from via_sim.joint.measurements import stride
 from via_sim.joint.parameters import DYNAMIC, SERVO, P

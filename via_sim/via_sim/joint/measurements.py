@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from via_core.signals import Array
 
+from via_sim.catalogue.sensor.channel_skew import MAX_SKEW
 from via_sim.joint.encoders import read_motion
 from via_sim.joint.friction import breakaway, dry_friction, feels_both_sides
 from via_sim.joint.parameters import DYNAMIC, P
@@ -28,8 +29,6 @@ from via_sim.joint.torques import (
     transmission_stiffness,
     transmission_torque,
 )
-
-MAX_SKEW = 0.05  # [s] largest delay of an encoder
 
 # Columns of the measured row and the truth row of one tick.
 _Measured = namedtuple(

@@ -26,9 +26,10 @@ from typing import Any
 from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS, spring_stiffness, spring_torque
 
+from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.joint.compiled import bare, compiled, inlined
 from via_sim.joint.friction import breakaway, bristle_torque, dry_friction, feels_both_sides, has_friction
-from via_sim.joint.parameters import AT_TRANSMISSION, POSITION_DRIVE, RIPPLE_HARMONICS, TORQUE_DRIVE, P
+from via_sim.joint.parameters import AT_TRANSMISSION, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import drive_torque
 
 HISTORY = 34  # past samples in the ring buffer for late encoders

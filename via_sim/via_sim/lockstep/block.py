@@ -9,9 +9,10 @@ import numpy as np
 from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS
 
+from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.joint.compiled import bare
 from via_sim.joint.kernel import PER_AXIS
-from via_sim.joint.parameters import RIPPLE_HARMONICS, P
+from via_sim.joint.parameters import P
 
 # Name and number of rows. Three rows belong to link, motor 1, motor 2; two rows to the motors or transmissions.
 _SIZES = {

@@ -8,10 +8,11 @@ from via_core.dampers import damper_value
 from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, SINH
 
+from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.joint.actuation import saturated
 from via_sim.joint.compiled import bare
 from via_sim.joint.friction import feels_both_sides, has_friction
-from via_sim.joint.parameters import ABSENT, DYNAMIC, NO_DAMPER, POSITION_DRIVE, RIPPLE_HARMONICS, TORQUE_DRIVE, P
+from via_sim.joint.parameters import ABSENT, DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import drive_torque
 from via_sim.joint.torques import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X, deflection, spring_factor
 from via_sim.lockstep.block import COPIED, R, Terms, Z

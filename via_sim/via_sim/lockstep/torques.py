@@ -5,8 +5,9 @@ from __future__ import annotations
 from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
+from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.joint.compiled import bare
-from via_sim.joint.parameters import AT_TRANSMISSION, RIPPLE_HARMONICS, P
+from via_sim.joint.parameters import AT_TRANSMISSION, P
 from via_sim.joint.torques import deflection, preset_of, transmission_torque
 from via_sim.lockstep.block import R, Terms, Z, decay, sine
 

@@ -1,0 +1,24 @@
+"""Effects between motor and link."""
+
+from via_sim.catalogue.transmission import (
+    backlash,
+    hysteresis,
+    joint_coupling,
+    preset_error,
+    spring_damping,
+    spring_law,
+    stiffness_drift,
+)
+
+KINDS = tuple(
+    each.KIND
+    for each in (
+        backlash,
+        hysteresis,
+        spring_damping,
+        spring_law,
+        stiffness_drift,
+        preset_error,
+        joint_coupling,
+    )
+)
