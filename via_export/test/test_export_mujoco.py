@@ -67,6 +67,8 @@ NOT_HELD = (
     (PENDULUM, e("external_torque", "environment", torque=1.0, start=0.2, stop=0.8)),
     (PENDULUM, e("encoder_eccentricity", "sensor", amplitude=0.05, phase=0.3)),
     (CUBIC, e("stiffness_drift", "transmission", 1, rate=-0.8)),
+    (PENDULUM, e("torque_deadband", "motor", 1, threshold=1.0)),
+    (CUBIC, e("gear_error", "transmission", 1, amplitude=0.1, order=3.0, phase=0.4)),
     (SERVO, e("load_dependent_friction", "link", coefficient=0.3)),
 )
 CASES = [pytest.param(*each, id=f"{each[1].name}-{each[0]}") for each in PLANTED]

@@ -13,8 +13,8 @@ from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
+from via_sim.joint.layout import N_COMMANDS
 from via_sim.joint.measurements import MEASURED
-from via_sim.joint.torques import N_COMMANDS
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
 from via_sim.simulate import InitialConditions, Simulator, command_rows, simulate

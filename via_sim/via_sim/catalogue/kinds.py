@@ -8,6 +8,7 @@ from math import pi
 from typing import Protocol
 
 from via_sim.catalogue.starts import Starts
+from via_sim.catalogue.terms import Term
 
 Values = Mapping[str, float]
 NEVER = 1e6  # [s] later than any run; also larger than any drive torque [N m] and speed [rad/s]
@@ -78,6 +79,7 @@ class EffectKind:
     term           definition as a formula (s: sign of the speed v, phi: a deflection)
     confused_with  similar effects and what distinguishes them
     slots          slots of the row that only this effect uses
+    terms          compiled parts of the equations of motion that the kernels are composed from
     write          checks the values and writes those that have no slot of their own
     starts         initial values of fits; None if the effect is found in the measurements alone
     forms          combinations of parameters that a report states
@@ -91,6 +93,7 @@ class EffectKind:
     parameters: tuple[EffectParameter, ...]
     optional: tuple[EffectParameter, ...] = ()
     slots: tuple[Slot, ...] = ()
+    terms: tuple[Term, ...] = ()
     write: Callable[[Spot, Values], None] | None = None
     starts: Starts | None = None
     forms: tuple[Form, ...] = ()
@@ -99,7 +102,8 @@ class EffectKind:
     needs_torque_drive: bool = False  # at a motor: not on devices with servos, which impose the angle
     of_goal: bool = False  # acts on the goal of a position drive
     of_drive: bool = False  # at a motor: acts on the drive, which a rigid joint has as well (motor 1)
-    of_preset: bool = False  # of a serial joint: only with a spring whose law depends on the preset
+    of_torque: bool = False  # acts on a commanded torque: not on devices with servos or a position drive
+    of_preset: bool = False  # in a serial joint it needs a spring with a preset
     adds: bool = False  # several at one location add up
     dry: bool = False  # dry friction, of which a fit allows no more than the missing torque
     whole_period: bool = False  # periodic, with at least one period within the travel of its axis

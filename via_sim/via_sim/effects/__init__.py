@@ -136,6 +136,8 @@ def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
     driven = device.n_motors == 0 and kind.of_drive and site == "motor"  # the drive of a rigid joint is its motor 1
     if motor > (1 if driven else device.n_motors) and site in ("motor", "sensor", "timing"):
         return f"'{device.name}' has {device.n_motors} motors"
+    if kind.of_torque and device.drive == "position":
+        return f"'{device.name}' has a position drive, which is not commanded a torque"
     if kind.of_goal and device.drive != "position":
         return f"'{device.name}' has no position drive, and only those follow a goal"
     if site == "motor" and kind.needs_torque_drive and device.drive == "servo":

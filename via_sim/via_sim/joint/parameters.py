@@ -50,6 +50,7 @@ _NOMINAL = (
     Slot("spring_kind", "-", "spring law of via_core.springs", 2),
     Slot("spring", "", "coefficients of the two spring laws", 2 * N_COEFFICIENTS),
     Slot("stop", "rad", "deflection beyond which the spring law continues along its tangent", 2, np.inf),
+    Slot("input_errors", "-", "1: the angle at the input of the transmission differs from that of the motor", 2),
     Slot("damper_site", "-", "NO_DAMPER, AT_LINK or AT_TRANSMISSION"),
     Slot("damper_kind", "-", "map of via_core.dampers"),
     Slot("damper", "", "coefficients of the map", N_DAMPER_COEFFICIENTS),

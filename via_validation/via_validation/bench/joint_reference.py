@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 from via_core.signals import Array
-from via_sim.joint.kernel import N_WEIGHTS, PER_AXIS, weigh
 from via_sim.joint.parameters import P
+from via_sim.joint.step import N_WEIGHTS, PER_AXIS, weigh
 
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
 DOUBLES = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")

@@ -30,8 +30,8 @@ from scipy.integrate import solve_ivp
 from via_core.devices import load_device, parse_device
 from via_core.signals import Array, Signals
 from via_sim.joint.kernel import run
+from via_sim.joint.layout import N_COMMANDS
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import N_COMMANDS
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
 from via_sim.simulate import initial_state, simulate

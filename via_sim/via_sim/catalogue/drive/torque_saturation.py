@@ -6,6 +6,11 @@ from math import inf
 
 from via_sim.catalogue.kinds import NEVER, EffectKind, EffectParameter, Slot
 from via_sim.catalogue.starts import Typical, limits
+from via_sim.catalogue.terms import Term
+
+
+def _clipped(saturation: float, torque: float) -> float:
+    return min(max(torque, -saturation), saturation)
 
 
 def _limits(here: Typical) -> list[float]:
@@ -27,6 +32,7 @@ KIND = EffectKind(
         ),
     ),
     slots=(Slot("saturation", "N m, rad/s", "unknown limit of drive torque, of a servo its speed", 3, inf),),
+    terms=(Term("command", _clipped),),
     starts=limits(_limits, of_peak=True),
     of_drive=True,
 )  # fmt: skip

@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot
 from via_sim.catalogue.starts import one
+from via_sim.catalogue.terms import Term
+
+
+def _torque(quadratic_drag: float, speed: float) -> float:
+    return -quadratic_drag * speed * abs(speed)
+
 
 KIND = EffectKind(
     name="quadratic_drag",
@@ -18,5 +24,6 @@ KIND = EffectKind(
         ),
     ),
     slots=(Slot("quadratic_drag", "N m s^2/rad^2", "times v |v|", 3),),
+    terms=(Term("axis", _torque),),
     starts=one(coefficient=lambda here: 0.1 * here.torque / here.speed**2),
 )

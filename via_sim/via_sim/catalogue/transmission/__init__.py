@@ -2,6 +2,7 @@
 
 from via_sim.catalogue.transmission import (
     backlash,
+    gear_error,
     hysteresis,
     joint_coupling,
     preset_error,
@@ -19,6 +20,7 @@ KINDS = tuple(
         spring_law,
         stiffness_drift,
         preset_error,
+        gear_error,
         joint_coupling,
     )
 )
