@@ -71,7 +71,7 @@ def blocks(page: Path) -> Iterator[Block]:
         else:
             if not language.startswith("{"):
                 yield Block(page.stem, start, language, tuple(inside), " ".join(paragraph))
-            inside = None
+            inside, paragraph = None, []  # a paragraph belongs to the block that follows it, not to later ones
         previous = line
 
 

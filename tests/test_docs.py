@@ -146,6 +146,15 @@ def run_guide(guide: Path, shell: Shell) -> list[Path]:
     return pictures
 
 
+def test_a_block_is_a_file_only_if_its_own_paragraph_says_so(tmp_path: Path):
+    (tmp_path / "page.md").write_text(
+        "Save this as `a.yaml`: two\nlines.\n\n```yaml\na: 1\n```\n\n```\nvia devices\n```\n\n```{toctree}\nb\n```\n"
+    )
+    first, second = blocks(tmp_path / "page.md")
+    assert (first.file, first.language, first.text) == ("a.yaml", "yaml", "a: 1\n")
+    assert (second.file, second.commands) == ("", ["via devices"])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("guide", GUIDES, ids=lambda guide: guide.stem)
 def test_every_block_of_a_guide_runs(guide: Path, tmp_path: Path, domain: int):
