@@ -205,6 +205,8 @@ def test_names_are_split_into_words_and_units() -> None:
     assert split_name("elbow_torque_Nm") == (["elbow", "torque"], "N m")
     assert split_name("tau[1]") == (["tau", "1"], "")
     assert split_name("vel_deg_per_s")[1] == "deg/s"
+    assert split_name("j1_speed_deg_s") == (["j", "1", "speed"], "deg/s")
+    assert split_name("x_vel_mm_s")[1] == "mm/s"
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
@@ -268,6 +270,33 @@ def test_a_mapping_is_written_that_imports_the_file(tmp_path: Path) -> None:
         states = read_bag(report.bag or "")["/joint_states"]
         np.testing.assert_allclose(states["position"][:, 0], ANGLE, atol=1e-12)
         np.testing.assert_allclose(states["effort"][:, 0], TORQUE, atol=1e-12)
+
+
+def test_numbers_of_columns_are_those_of_the_motors_of_a_device(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    names = ("q", "theta_1", "theta_2", "tau_1", "tau_2")
+    columns = {"time": TIME, **{name: (k + 1.0) * 0.1 * ANGLE for k, name in enumerate(names)}}
+    pandas.DataFrame({**columns, "motor_1": TORQUE}).to_csv(folder / "run.csv", index=False)
+    tables = read_tables(folder / "run.csv")
+    time = guess_time(tables[""])
+    assert time is not None
+    text = mapping_text(folder / "run.csv", time, guess_columns(tables), Constants(), "cubic_demo")
+    (tmp_path / "map.yaml").write_text(text, encoding="utf-8")
+    (report,) = import_recordings(folder, tmp_path / "map.yaml", tmp_path / "out").files
+    assert report.bag, report.reasons
+    states = read_bag(report.bag)["/joint_states"]
+    found = dict(zip(states["name"][0], zip(states["position"][5], states["effort"][5])))
+    shaft, first, second = (f"cubic_demo_{part}_joint" for part in ("shaft", "motor_1", "motor_2"))
+    assert found[shaft][0] == pytest.approx(columns["q"][5])
+    assert found[first] == pytest.approx((columns["theta_1"][5], columns["tau_1"][5]))
+    assert found[second] == pytest.approx((columns["theta_2"][5], columns["tau_2"][5]))
+
+
+def test_the_end_of_a_name_that_looks_like_seconds_is_no_unit_of_a_speed() -> None:
+    frame = pandas.DataFrame({"t": TIME, "pos": ANGLE, "vel_s": ANGLE})
+    found = {guess.column: (guess.quantity, guess.unit) for guess in guess_columns({"": frame})}
+    assert found["vel_s"] == ("velocity", "rad/s")
 
 
 def test_a_missing_ignored_column_is_no_error_and_a_foreign_header_says_what_to_write(tmp_path: Path) -> None:

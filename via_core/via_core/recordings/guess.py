@@ -111,7 +111,10 @@ def split_name(name: str) -> tuple[list[str], str]:
     else:
         tail = re.search(r"_((?:[a-zA-Z]+_per_)?[A-Za-z]+)$", name)
         written = {"nm": "N m", "nmm": "N mm", "mnm": "mN m", "a": "A", "ma": "mA", "v": "V", "n": "N"}
-        if tail:
+        rate = re.search(r"_([A-Za-z]+)_s$", name)  # speed_deg_s, as names cannot hold a slash
+        if rate and is_unit(rate[1]) and kind(rate[1]) == "angle":
+            name, unit = name[: rate.start()], f"{rate[1]}/s"
+        elif tail:
             text = tail[1].replace("_per_", "/")
             text = written.get(text.lower(), text)
             if (
@@ -179,6 +182,8 @@ def _by_name(table: str, column: str, joints: Sequence[str], bag: bool) -> Colum
             quantity = each
     if unit and quantity and kind(unit) and kind(unit) != KINDS[quantity] and by_unit:
         quantity = by_unit  # type: ignore[assignment]
+    if quantity and unit and kind(unit) == "time":
+        unit = ""  # the end of a name that looks like seconds is no unit of a signal
     if said["command"] and not said["neither"]:
         quantity = {"torque": "torque command", "current": "", "velocity": ""}.get(quantity, "position command")  # type: ignore[assignment]
     if said["neither"]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from via_core.devices import load_device
 from via_core.errors import SignalError
 from via_core.recordings.entries import Constants
 from via_core.recordings.guess import ColumnGuess, TimeGuess
@@ -24,34 +25,37 @@ def mapping_text(
 ) -> str:
     """A mapping of one file, and of files whose names differ in digits only. Raises SignalError without a position.
 
-    device  file or name of the device of the only joint; without it, joints keep their names and commands are ignored
+    device  file or name of the device of the only joint; without it, joints keep their names and commands are ignored.
+            Numbers in the names of columns are those of its motors, as in theta_1 and tau_2
     joint   name for columns that name none
     """
     joints: list[tuple[dict[str, Any], str]] = []
     commands: list[tuple[dict[str, Any], str]] = []
     ignored: list[tuple[str, str]] = []
     taken = set()
+    motors = load_device(device).n_motors if device else 0
     for guess in guesses:
         entry: dict[str, Any] = {"column": guess.column}
-        of = guess.joint or joint or "joint"
-        goal: Any = (
-            (of, QUANTITIES[guess.quantity]) if guess.quantity in QUANTITIES else COMMANDS.get(guess.quantity, "")
-        )
+        quantity = QUANTITIES.get(guess.quantity, "")
+        name = guess.joint or joint or "joint"
+        if device:
+            number = int(guess.joint) if guess.joint.isdigit() else 0
+            name = f"motor_{number}" if 1 <= number <= motors else "motor_1" if quantity == "effort" else "link"
+        goal: Any = (name, quantity) if quantity else COMMANDS.get(guess.quantity, "")
         reason = _why_not(guess, constants, device)
         if reason or goal in taken:
             ignored.append((guess.column, reason or f"another column is already the {guess.quantity}"))
             continue
         taken.add(goal)
-        if guess.quantity in QUANTITIES:
-            name = of if not device else "motor_1" if QUANTITIES[guess.quantity] == "effort" else "link"
-            entry |= {"joint": name, "quantity": QUANTITIES[guess.quantity], "unit": guess.unit}
+        if quantity:
+            entry |= {"joint": name, "quantity": quantity, "unit": guess.unit}
         else:
             entry |= {"quantity": COMMANDS[guess.quantity], "unit": guess.unit}
         if COUNTS.fullmatch(guess.unit):
             entry["counts_per_turn"] = constants.counts_per_turn
         if guess.quantity == "current":
             entry["torque_constant"] = constants.torque_constant
-        (joints if guess.quantity in QUANTITIES else commands).append((entry, guess.reason))
+        (joints if quantity else commands).append((entry, guess.reason))
     if not any(entry["quantity"] == "position" for entry, _ in joints):
         raise SignalError(f"{path}: no column looks like a position; there are: {', '.join(g.column for g in guesses)}")
     pattern = "(?P<run>" + re.sub(r"\d+", r"\\d+", re.escape(path.stem)) + ")" + re.escape(path.suffix)
