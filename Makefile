@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup workspace demo test check bench blind results mutants clean
+.PHONY: help setup workspace demo test check docs bench blind results mutants clean
 
 ENV := source ros2_ws/env.sh;
 WORKERS ?= 2
@@ -23,8 +23,12 @@ demo: setup ## estimate and diagnose recordings of a real robot, run a simulated
 test: workspace ## run all tests (TESTS="via_ros/test tests/test_sim_node.py" for some, WORKERS=2)
 	@$(ENV) python -m pytest -n $(WORKERS) --dist loadscope -p no:launch_testing -p no:launch_pytest -p no:launch_testing_ros_pytest_entrypoint $(TESTS)
 
-check: workspace ## check style, types, import rules and machine paths
+check: workspace ## check style, types, import rules, machine paths and the documentation site
 	@$(ENV) ros2_ws/check.sh
+
+docs: workspace ## build the documentation site, out/docs/index.html; fails on a warning
+	@$(ENV) ros2_ws/docs.sh out/docs
+	@echo "docs: open out/docs/index.html"
 
 bench: setup ## compare speed with MuJoCo, scipy, mcap-ros2-support, Eigen and padasip
 	@$(ENV) via bench all

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Checks style, types, import rules, and that no file names a path of a particular machine. Fails if one check fails.
+# Checks style, types, import rules, the documentation site, and that no file names a path of a particular machine.
+# Fails if one check fails.
 cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 failed=()
 
@@ -37,4 +38,5 @@ check "types" mypy
 check "import rules" import_rules
 check "machine paths" no_machine_paths
 check "plain terms" plain_terms
+check "documentation site" ros2_ws/docs.sh out/check/docs dummy
 [ ${#failed[@]} -eq 0 ] || exit 1

@@ -21,6 +21,7 @@ from via_ros.conversions import Command, JointStateWriter
 from via_ros.gate import QUIET, RenewedSubscription
 from via_ros.serialised import CommandBytes
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
+from via_sim.nodes.simulation import YOUNG
 from via_sim.nodes.simulator import SimulatorNode
 
 DEVICE = load_device("qbmove_a")
@@ -244,3 +245,20 @@ def test_a_second_simulator_of_a_joint_does_not_begin_and_both_are_named(graph):
     assert second.ticks == 0
     graph.remove(first)
     graph.until(lambda: second.ticks > 20)
+
+
+def test_a_simulator_that_began_before_it_knew_of_another_one_gives_way(graph):
+    peer = Peer(graph)
+    peer.node.create_subscription(JointState, "/joint_states", lambda _: None, qos.SAMPLES)
+    first = graph.add(SimulatorNode, device=DEVICE.name, mode="realtime", rate=250.0)
+    graph.until(lambda: first.ticks > 0 and time.monotonic() - first._since > YOUNG)
+    second = graph.add(SimulatorNode, device=DEVICE.name, mode="realtime", rate=250.0)
+    alone, second._drivers.is_alone = second._drivers.is_alone, lambda: True  # the graph does not show the first one
+    graph.until(lambda: second.ticks > 0)
+    second._drivers.is_alone = alone
+    graph.until(lambda: not second._running)
+    ticks, later = second.ticks, first.ticks + 300
+    graph.until(lambda: first.ticks > later)
+    assert second.ticks == ticks
+    graph.remove(first)
+    graph.until(lambda: second.ticks > ticks + 20)

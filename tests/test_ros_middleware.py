@@ -3,6 +3,8 @@
 import os
 import subprocess
 import sys
+from importlib.resources import files
+from xml.etree import ElementTree
 
 import psutil
 import pytest
@@ -59,3 +61,13 @@ def test_the_environment_file_limits_discovery_unless_opened(root):
         return subprocess.run(["bash", "-c", script], env=own | given, capture_output=True, text=True).stdout.strip()
 
     assert (found(), found(ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")) == ("LOCALHOST", "SUBNET")
+
+
+@pytest.mark.parametrize("name", ["fastdds.xml", "fastdds_localhost.xml"])
+def test_writers_say_what_they_have_sent_before_a_history_at_1_khz_is_replaced(name):
+    """Several times: what a reader lost while it could not read may be lost again."""
+    namespace = "{http://www.eprosima.com}"
+    root = ElementTree.fromstring(files("via_ros").joinpath(name).read_text("utf-8"))
+    period = root.find(f".//{namespace}data_writer[@is_default_profile='true']//{namespace}heartbeatPeriod")
+    seconds, nanoseconds = (float(period.findtext(f"{namespace}{part}")) for part in ("sec", "nanosec"))
+    assert 0.0 < seconds + 1e-9 * nanoseconds <= 0.2 * qos.SAMPLES.depth / 1000.0

@@ -232,6 +232,8 @@ def test_the_correction_of_a_wrong_estimate_is_bounded():
     assert DEVICE.stiffness(0.0, np.array(state.target)) == pytest.approx(15.97, rel=1e-3)
     with pytest.raises(UnreachableError):
         controller.with_reference(state, 0.0, 100.0)
+    with pytest.raises(UnreachableError, match=r"equilibrium must lie in \[-10, 10\] rad, got 1e\+09"):
+        controller.with_reference(state, 1e9, 5.0)
 
 
 @pytest.mark.parametrize("change", [{"speed": 0.0}, {"correction_time": -1.0}, {"torque_limit": (1.0, 0.0)}])

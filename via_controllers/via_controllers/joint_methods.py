@@ -14,7 +14,7 @@ from via_core.parameters import parameter
 from via_controllers.contract import require
 from via_controllers.joint_axes import JointAxes
 from via_controllers.joints.bang_bang_joint import JointBangBang
-from via_controllers.joints.equilibrium_preset import EquilibriumPreset, EquilibriumPresetState
+from via_controllers.joints.equilibrium_preset import FURTHEST, EquilibriumPreset, EquilibriumPresetState
 from via_controllers.joints.max_velocity import MaxVelocity, joint_of
 from via_controllers.joints.motor_position import MotorPositionControl
 from via_controllers.joints.multisine import Multisine
@@ -89,7 +89,7 @@ class EquilibriumPresetParameters(ControllerParameters):
     """Of `equilibrium_preset`; the node also subscribes to references and estimates."""
 
     device: str = parameter("qbmove_a", DEVICE)
-    equilibrium: float = parameter(0.0, "initial reference of the link angle", "rad", (-10.0, 10.0))
+    equilibrium: float = parameter(0.0, "initial reference of the link angle", "rad", (-FURTHEST, FURTHEST))
     stiffness: float = parameter(
         0.0, "initial reference of the stiffness; 0: that of the middle preset", "N m/rad", (0.0, 1e9)
     )

@@ -10,6 +10,9 @@ The motor inertia found is also the only evidence of a wrong torque scale that t
 values are proportional to it. With inertia B +- tolerance b in the file, found B' +- sd, its most likely variance is
 max(0, (B'/B - 1)^2 - (sd/B)^2 - b^2), which is added to the relative variances of stiffness, inertia and damping.
 
+A step between two samples that no joint can make, such as one wild number of a damaged message, is a bad sample: in a
+window or a long memory it would act like many true ones. If the signal stays there, the window restarts as after a gap.
+
 Samples are kept at no more than RATE, with the mean of the torques between them, so that a state remains small.
 """
 
@@ -39,6 +42,9 @@ HOLD = 3.0  # [s] of possible intervals after which a fault is over
 RATE = 250.0  # [Hz] of the samples kept
 ROOM = 1.2  # [intervals] of samples kept
 NEVER = -1e300  # [s] before every stamp
+FURTHEST, FASTEST = 1.0, 1e3  # [rad], [rad/s]: an angle that steps further is a measurement fault
+STRONGEST = 10.0  # [-] largest step of a torque, over the largest torque of motor and spring
+LONGEST = 0.05  # [s] between samples that are compared; later, a signal that stays beyond a step is believed
 SURE = 3.0  # [standard deviations] by which an estimate must miss its bounds
 ALL, NONE = -1, -2  # owners of an output that is a sum over the motors, or that has no motor
 # Stamp of the last sample and of the last one kept; time of the next comparison; end of the suspicion; ring position
@@ -57,7 +63,8 @@ class Checked(Wrapped):
         head = np.zeros(HEAD.size)
         head[[HEAD.last, HEAD.kept, HEAD.next, HEAD.until]] = NEVER
         columns = 1 + len(self.inputs)
-        state = np.concatenate([self.inner.init(), head, np.zeros(columns), np.zeros(self._kept * columns)])
+        before = np.full(columns, np.nan)
+        state = np.concatenate([self.inner.init(), head, np.zeros(columns), before, np.zeros(self._kept * columns)])
         state.flags.writeable = False
         return state
 
@@ -122,6 +129,20 @@ class Checked(Wrapped):
         return (needed, torques, *self._bounds, self._motors, self._owners, self._interval)
 
     @cached_property
+    def _steps(self) -> tuple[Array, Array]:
+        """Largest step (1 + k,) of every column between two samples, and what it grows by per second; inf: any."""
+        device = self.device
+        springs = [abs(float(spring.torque(spring.max_deflection))) for spring in device.spring_laws]
+        limits = [getattr(motor, "torque_limit", None) or 0.0 for motor in device.motors]
+        largest, step, rate = max([0.0, *springs, *limits]), [np.inf], [0.0]
+        for name in self.inputs:
+            angle = name == "q" or (name.startswith("theta_") and name[6:].isdigit())
+            torque = name.startswith("tau") and largest > 0.0
+            step.append(FURTHEST if angle else STRONGEST * largest if torque else np.inf)
+            rate.append(FASTEST if angle else 0.0)
+        return np.array(step), np.array(rate)
+
+    @cached_property
     def _motors(self) -> Array:
         """Output of the inertia, inertia of the file [kg m^2] and its squared tolerance, for each motor (m, 3)."""
         found = [name for name in self.outputs if name.startswith("motor_inertia_")]
@@ -168,6 +189,11 @@ class Checked(Wrapped):
     def _head(self, state: Array) -> Array:
         return state[self._size : self._size + HEAD.size]
 
+    def _before(self, state: Array) -> Array:
+        """The view (1 + k,) of the last valid number of each column."""
+        at, columns = self._size + HEAD.size, 1 + len(self.inputs)
+        return state[at + columns : at + 2 * columns]
+
     def _ring(self, state: Array) -> Array:
         """The view (kept, 1 + k) of the samples kept."""
         return state[state.size - self._kept * (1 + len(self.inputs)) :].reshape(self._kept, -1)
@@ -194,6 +220,7 @@ class Checked(Wrapped):
         """The kernel: rows up to the next comparison at a time."""
         size, at, count = self._size, 0, len(rows)
         inner, advance, constants = state[:size], self.inner._advance, self._constants
+        _refuse_steps(self._before(state), rows, *self._steps)
         while at < count:
             end = _until(state, size, rows, at, constants[0], self._interval) if count > 1 else 1
             whole = end - at == count
@@ -214,6 +241,26 @@ class Checked(Wrapped):
         elif head[HEAD.implausible] and now >= head[HEAD.until]:
             head[HEAD.implausible] = 0.0
             state[: self._size] = self.inner.init()
+
+
+@njit(cache=True, error_model="numpy")
+def _refuse_steps(before: Array, rows: Array, step: Array, rate: Array) -> None:
+    """Write NaN in place of numbers that differ by more than `step + rate dt` (1 + k,) from those `before` (1 + k,)."""
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        if not np.isfinite(row[0]):
+            continue
+        since = row[0] - before[0]
+        compared = 0.0 < since <= LONGEST  # not before the first sample, whose time is NaN
+        refused = False
+        for j in range(1, row.size):
+            if compared and abs(row[j] - before[j]) > step[j] + rate[j] * since:
+                row[j], refused = np.nan, True
+        if not refused and (compared or not -LONGEST <= since <= 0.0):
+            before[0] = row[0]
+            for j in range(1, row.size):
+                if sound(row[j]):
+                    before[j] = row[j]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -262,7 +309,7 @@ def _finish(
     width = rows.shape[1]
     head = state[size : size + HEAD.size]
     sums = state[size + HEAD.size : size + HEAD.size + width]
-    ring = state[size + HEAD.size + width :].reshape(-1, width)
+    ring = state[size + HEAD.size + 2 * width :].reshape(-1, width)
     kept = ring.shape[0]
     due, outside = False, 0
     for k in range(rows.shape[0]):

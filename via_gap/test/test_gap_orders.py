@@ -1,4 +1,4 @@
-"""Orders of an encoder error: planted ones are found, also where the first choice by itself is a wrong one."""
+"""Orders of periodic effects: planted ones are found, also where the first choice by itself is a wrong one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from via_core.signals import Array
 from via_gap.candidates.fit import Fit
-from via_gap.candidates.orders import ENCODER_ORDERS, PASSES, _exchanged, encoder_waves
+from via_gap.candidates.orders import ENCODER_ORDERS, PASSES, _exchanged, encoder_waves, torque_waves
 from via_sim.effects import Effect
 
 FOUND = {"amplitude": 0.01, "phase": 0.3}  # order 1, which every encoder error has
@@ -75,12 +75,26 @@ def test_no_other_pair_of_orders_beside_the_first_leaves_less():
 
 
 def test_the_first_order_stays_and_exchanges_end():
-    assert _exchanged([0, 5, 6], lambda others: {(0, 6): 2, (0, 2): 4, (0, 4): 2}[tuple(others)]) == [0, 2, 4]
+    assert _exchanged([0, 5, 6], lambda others: {(0, 6): 2, (0, 2): 4, (0, 4): 2}[tuple(others)], 1) == [0, 2, 4]
     asked: list[list[int]] = []
 
     def restless(others: list[int]) -> int:
         asked.append(others)
         return len(asked) + 10
 
-    assert _exchanged([0, 1], restless)[0] == 0
+    assert _exchanged([0, 1], restless, 1)[0] == 0
     assert len(asked) == PASSES and all(each == [0] for each in asked)
+
+
+@pytest.mark.parametrize(("turns", "orders"), [(1.3, (7.0, 8.0, 12.0)), (0.6, (7.0, 9.0, 20.0))])
+def test_planted_orders_of_a_torque_are_found(monkeypatch, turns, orders):
+    """Over little more than a turn the strongest single order is between two true ones."""
+    angle = np.linspace(-0.3, 2.0 * np.pi * turns - 0.3, 900)
+    amounts = (0.05, 0.04, 0.02)
+    torque = 0.3 + sum(a * np.sin(n * angle + 0.7 * n) for n, a in zip(orders, amounts, strict=True))
+    torque = torque + 1e-4 * np.random.default_rng(5).normal(size=len(angle))
+    monkeypatch.setattr("via_gap.candidates.orders._missing", lambda *_: (angle, torque))
+    whole = torque_waves(None, angle, 1, 8)[0]  # type: ignore[arg-type]
+    assert {order for _, order, _ in whole} == set(orders)
+    for amplitude, order, _ in whole:
+        assert amplitude == pytest.approx(amounts[orders.index(order)], rel=0.03)

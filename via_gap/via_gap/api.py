@@ -33,12 +33,13 @@ def diagnose(
 ) -> GapReport:
     """Location, cause and size of the gap between recordings and a device.
 
-    data    one recording or a list of them: a pandas frame or a mapping of arrays (N,), with `time` [s], `position`
-            [rad], `torque` [N m] and, if recorded, `velocity` [rad/s], `command` (goal [rad] of a position drive);
-            or with the channels of VIA (`q`, `theta_1`, `tau_1` ...), or the columns that the device file names. A unit
-            in a name is converted: `position_deg`, `torque_mNm`, `time_ms`. Also paths of files, Signals, and logs
-    device  a Device, the name of a shipped one, or the path of its YAML
-    holdout recordings to compare models on; without them, parts of `data` are held out
+    data      one recording or a list of them: a pandas frame or a mapping of arrays (N,), with `time` [s], `position`
+              [rad], `torque` [N m] and, if recorded, `velocity` [rad/s], `command` (goal [rad] of a position drive);
+              or with the channels of VIA (`q`, `theta_1`, `tau_1` ...), or the columns that the device file names. A
+              unit in a name is converted: `position_deg`, `torque_mNm`, `time_ms`. Also paths of files, Signals, logs
+    device    a Device, the name of a shipped one, or the path of its YAML
+    holdout   recordings to compare models on; without them, parts of `data` are held out
+    progress  called with a stage and its share [0..1]
 
     Raises ViaError in one line.
     """

@@ -6,6 +6,7 @@ commands. With two of either, samples or torques of different origin alternate; 
 
 from __future__ import annotations
 
+import random
 import time
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -72,6 +73,7 @@ class DriverOrigin:
         self._ear: Any = None
         self._began = 0.0  # [s] steady clock
         self._heard = float("-inf")  # [s] steady clock
+        self._recent = RECENT * random.uniform(1.0, 2.0)  # of two that wait for each other, one begins first
 
     @property
     def listens(self) -> bool:
@@ -93,7 +95,8 @@ class DriverOrigin:
 
     def is_alone(self) -> bool:
         """Whether nobody else was heard; False as long as it is not known."""
-        return self._ear is None or (time.monotonic() - self._began > PATIENCE and not self.is_mixed())
+        now = time.monotonic()
+        return self._ear is None or (now - self._began > PATIENCE and now - self._heard > self._recent)
 
     def is_mixed(self) -> bool:
         """Whether another one was heard within RECENT."""

@@ -32,6 +32,7 @@ from via_controllers.correction import LARGEST_FACTOR, Correction, CorrectionRul
 from via_controllers.joints.motor_references import MotorReferences, UnreachableError
 from via_controllers.low_pass import low_passed
 
+FURTHEST = 10.0  # [rad] largest angle commanded
 NEAR = 5e-3  # relative change of r below which the motors keep their target
 
 
@@ -122,9 +123,11 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
     ) -> EquilibriumPresetState:
         """`state` with this angle [rad] and stiffness [N m/rad] commanded.
 
-        Raises UnreachableError if the spring laws do not reach the command. If only the corrected spring laws do not
-        reach it, the target has the closest stiffness and `reached` is False.
+        Raises UnreachableError if the angle is beyond FURTHEST or the spring laws do not reach the command. If only the
+        corrected spring laws do not reach it, the target has the closest stiffness and `reached` is False.
         """
+        if abs(equilibrium) > FURTHEST:
+            raise UnreachableError(f"equilibrium must lie in [{-FURTHEST:g}, {FURTHEST:g}] rad, got {equilibrium:g}")
         nominal, reached = stiffness / state.factor, True
         try:
             target = self.references.at(equilibrium, nominal)

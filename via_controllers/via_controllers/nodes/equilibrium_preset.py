@@ -8,7 +8,7 @@ subscribes  /<device>/reference  via_interfaces/JointReference, the new referenc
 
 Other topics and the lifecycle: see `controller`. /<device>/control reports the references, whether they are reached,
 and the correction factor of the spring laws. The factor outlasts a deactivation; without an estimate with status OK it
-returns to 1 within `fallback_time`. A reference out of reach is refused with a warning. The estimator needs motion to
+returns to 1 within `fallback_time`. A reference out of reach is refused and reported. The estimator needs motion to
 converge: move the reference.
 """
 
@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from via_core.errors import ViaError
 from via_core.status import Status
 from via_interfaces.msg import JointReference, StiffnessEstimate
 from via_ros import qos
@@ -48,12 +47,10 @@ class EquilibriumPresetNode(ControllerNode):
         return ControlledJoint(axes, JointSupervisor.of(self._controller, axes, lambda: self._start)), tuple(inputs)
 
     def _refer(self, message: JointReference) -> None:
-        try:
-            self._start = self._controller.with_reference(self._start, message.equilibrium, message.stiffness)
-        except ViaError as error:
-            self.get_logger().warning(f"reference refused: {error}")
-            return
         given = (message.equilibrium, message.stiffness)
+        self._start = self._controller.with_reference(
+            self._start, *given
+        )  # raises if out of reach: the gate reports it
         self.update(lambda state: self._controller.with_reference(state, *given))
 
     def _estimate(self, message: StiffnessEstimate) -> None:

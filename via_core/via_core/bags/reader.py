@@ -52,12 +52,13 @@ class RawMessage(NamedTuple):
 class Columns:
     """All messages of one topic in file order, as one array per member.
 
-    log_time  (n,) [ns]
-    stamp     (n,) [ns] of the header; log_time for types without one
-    fields    'position' -> (n,), or (n, k) where all messages have k numbers; else an object array (n,) of arrays, of
-              str for texts, of tuples of str for lists of texts. Names of nested members are dotted: 'header.frame_id'.
-    by_offset whether all messages share one layout and were read by strided copies
-    left_out  one sentence per message that could not be decoded
+    log_time   (n,) [ns]
+    stamp      (n,) [ns] of the header; log_time for types without one
+    fields     'position' -> (n,), or (n, k) where all messages have k numbers; else an object array (n,) of arrays, of
+               str for texts, of tuples of str for lists of texts. Names of nested members are dotted:
+               'header.frame_id'.
+    by_offset  whether all messages share one layout and were read by strided copies
+    left_out   one sentence per message that could not be decoded
     """
 
     topic: str

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,10 @@ from via_gap.candidates.covariance import clustered_covariance, covariance_of, i
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
+from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.residual.nuisance import BOUND, descend
 from via_gap.residual.residual_model import STEP, ResidualModel
+from via_gap.residual.segments import lined
 
 ROUNDS = 14
 SPARSE = 6  # of so many neighbouring segments two are used for the first fit of the device parameters
@@ -245,6 +248,20 @@ class _Axes:
         damped = damping * np.diag(normal)
         return normal, descend(normal + np.diag(damped), gradient + damped * here.at, here.at, *self.box)
 
+    def central_slopes(self, at: Array) -> Array:
+        """(R, J + p) derivatives of the residual; 0 for times, fixed parameters and those without valid neighbours."""
+        low, high = self.box
+        steps = FINE * np.append(
+            STEP / np.array([each.tolerance for each in self.problem.nuisances]),
+            np.maximum(LEAST_STEP, 0.03 * np.abs(at[self.count :])),
+        )
+        around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
+        ahead, behind = (self.losses([*(at + np.diag(each - at))])[1] for each in around)
+        slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
+        known = np.isfinite(slopes[0]) & np.append(np.full(self.count, True), ~(self.times | self.fixed))
+        slopes[:, ~known] = 0.0
+        return np.asarray(slopes)
+
     def covariance(self, here: _Point, normal: Array) -> Array:
         """(p, p) of the parameters over their typical sizes, for the mean weighted square of the residual, if above 1.
 
@@ -348,28 +365,22 @@ def refine(
     return axes.fit(here, covariance, np.where(axes.times, TIME_STEPS[-1], np.where(apart | axes.fixed, 0.0, sd)))
 
 
-def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
+def converged(problem: ResidualModel, fit: Fit, scales: Scales, margin: float) -> Fit:
     """A fit continued along directions in which the loss is nearly flat, with standard deviations that include them.
 
     Without a recorded torque, all torques and inertias of a joint may grow together without any change of the motion;
     only the tolerances of the device limit them. `refine` ends anywhere on such a line. Its one-sided differences bend
     the line, so that it seems well determined. Central differences do not, and one step with them is nearly exact. From
     the end of a tolerance differences are one-sided, and a second step is needed.
+
+    The standard deviations also include what is not known of the commands between samples (`margin` as in `_later`).
     """
     axes = _Axes.of(problem, members_of(fit), scales)
-    count, (low, high) = axes.count, axes.box
+    count = axes.count
     here = axes.best([axes.coordinates(fit.offsets, fit.values)])
-    steps = FINE * np.append(
-        STEP / np.array([each.tolerance for each in problem.nuisances]),
-        np.maximum(LEAST_STEP, 0.03 * np.abs(here.at[count:])),
-    )
     for _ in range(TURNS):
         begin, at = here, here.at
-        around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
-        ahead, behind = (axes.losses([*(at + np.diag(each - at))])[1] for each in around)
-        slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
-        known = np.isfinite(slopes[0]) & np.append(np.full(count, True), ~(axes.times | axes.fixed))
-        slopes[:, ~known] = 0.0
+        slopes = axes.central_slopes(at)
         normal, wanted = axes.step(here, slopes)
         for share in (1.0, 0.5, 0.25):
             trial = axes.best([at + share * (wanted - at)])
@@ -381,5 +392,24 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     covariance, pull = axes.covariance(here, normal), problem.weights(begin.residual)
     clustered = clustered_covariance(problem, slopes * pull[:, None], pull * here.residual, normal, count)
     covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(clustered) / np.diag(covariance), 1.0)),))
-    sd = np.where(known[count:], np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), fit.sd / axes.size)
+    covariance += np.diag(_later(axes, here, margin) ** 2)
+    known = np.any(slopes[:, count:] != 0.0, axis=0)
+    sd = np.where(known, np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), fit.sd / axes.size)
     return axes.fit(here, covariance, sd)
+
+
+def _later(axes: _Axes, here: _Point, margin: float) -> Array:
+    """(p,) standard deviation of an actuator delay by what is not known of the commands between samples; 0 for others.
+
+    The motion shows the sum of both delays alone. The other one is known if the log contains every command: then lines
+    with the same mean delay leave more than steps, by `margin` for each value.
+    """
+    delays = np.array([place.name == "actuator_delay" for place in axes.locations for _ in place.parameters])
+    log = axes.problem.views[0].segments.log
+    period = period_of(log)
+    sd = STEPS_SD if log.lined is None else LATE_SD
+    if log.lined is None and delays.any():
+        lines = replace(axes, problem=axes.problem.under(partial(lined, late=0.5 * period)))
+        if lines.best([here.at]).loss > here.loss + margin * len(here.residual):
+            return np.zeros(len(delays))
+    return np.where(delays, sd * period / axes.size, 0.0)

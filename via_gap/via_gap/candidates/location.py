@@ -14,7 +14,7 @@ from via_sim.effects import places as places_of
 from via_gap.logs.log import JointLog
 
 # Found in the measurements, see sensor_errors.py, because they do not change the motion.
-MEASUREMENT_ONLY = tuple(kind.name for kind in EFFECTS.values() if kind.starts is None)
+MEASUREMENT_ONLY = tuple(kind.name for kind in EFFECTS.values() if kind.measured)
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
     alone = len(seen) == 1 and (device.n_motors > 0 or device.drive == "position")
     found = []
     for kind in EFFECTS.values():
-        if kind.starts is None or not _has_channel(kind, log):
+        if kind.measured or not _has_channel(kind, log):
             continue
         for site, motor in places_of(kind, device):
             if site == "sensor" and kind.of_drive:

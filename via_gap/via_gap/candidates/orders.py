@@ -29,6 +29,7 @@ from via_gap.residual.residual_model import ResidualModel
 
 MATERIAL = 0.05  # share of the rest that one more order must explain
 ENCODER_ORDERS = range(1, 41)  # periods per turn of the encoder
+TORQUE_ORDERS = range(1, 81)  # periods per turn of the motor
 PASSES = 3  # of exchanges
 SMALL = 0.1  # of the fitted amplitude: change that is simulated
 
@@ -42,28 +43,46 @@ def encoder_waves(problem: ResidualModel, fit: Fit, number: int, most: int) -> l
     if not columns.any():
         return []
     beside = problem.nuisance_jacobian(fit.effects, fit.offsets, fit.residual) * pull[:, None]
-    rest, kept = fit.residual * pull, [0]  # order 1 is in the fit
-
-    def best_beside(others: Sequence[int]) -> tuple[int, bool]:
-        """The order that explains most beside others, and whether that is material."""
-        basis = np.linalg.qr(np.column_stack([beside, *(columns[:, 2 * k : 2 * k + 2] for k in others)]))[0]
-        left, free = rest - basis @ (basis.T @ rest), columns - basis @ (basis.T @ columns)
-        pairs = np.split(free, len(ENCODER_ORDERS), axis=1)
-        gains = np.array([np.sum((np.linalg.qr(pair)[0].T @ left) ** 2) for pair in pairs])
-        gains[list(others)] = 0.0
-        best = int(np.argmax(gains))
-        return best, bool(gains[best] >= MATERIAL * float(left @ left))
-
-    while len(kept) < most:
-        order, material = best_beside(kept)
-        if not material:
-            break
-        kept = _exchanged([*kept, order], lambda others: best_beside(others)[0])
-    taken = np.column_stack([beside, *(columns[:, 2 * k : 2 * k + 2] for k in kept)])
+    rest = fit.residual * pull
+    kept = _pursued(columns, beside, rest, most, [0])  # order 1 is in the fit
+    taken = np.column_stack([beside, _of(columns, kept)])
     amounts = np.linalg.lstsq(taken, -rest, rcond=None)[0][beside.shape[1] :].reshape(-1, 2)
     own = fit.effects[number].parameters
     amounts[0] += own["amplitude"] * np.array([np.cos(own["phase"]), np.sin(own["phase"])])
     return _waves([float(ENCODER_ORDERS[k]) for k in kept], amounts)
+
+
+def _pursued(columns: Array, beside: Array, target: Array, most: int, given: Sequence[int] = ()) -> list[int]:
+    """Indices of at most `most` orders, `given` first, that explain `target` (R,) beside columns (R, b).
+
+    columns (R, 2 n): sine and cosine of n orders in turn. Their triangular factor has the same inner products in fewer
+    rows.
+    """
+    together = np.linalg.qr(np.column_stack([beside, columns, target]), mode="r")
+    beside, columns, target = np.split(together, np.cumsum([beside.shape[1], columns.shape[1]]), axis=1)
+    target = target[:, 0]
+    pairs_of, kept = range(columns.shape[1] // 2), list(given)
+
+    def best_beside(others: Sequence[int]) -> tuple[int, bool]:
+        """The order that explains most beside others, and whether that is material."""
+        basis = np.linalg.qr(np.column_stack([beside, _of(columns, others)]))[0]
+        left, free = target - basis @ (basis.T @ target), columns - basis @ (basis.T @ columns)
+        gains = np.array([np.sum((np.linalg.qr(free[:, 2 * k : 2 * k + 2])[0].T @ left) ** 2) for k in pairs_of])
+        gains[list(others)] = 0.0
+        best = int(np.argmax(gains))
+        return best, bool(gains[best] >= MATERIAL * float(left @ left))
+
+    while len(kept) < min(most, len(pairs_of)):
+        order, material = best_beside(kept)
+        if not material:
+            break
+        kept = _exchanged([*kept, order], lambda others: best_beside(others)[0], len(given))
+    return kept
+
+
+def _of(columns: Array, orders: Sequence[int]) -> Array:
+    """(R, 2 n) sine and cosine of these orders in turn."""
+    return columns[:, [2 * k + part for k in orders for part in (0, 1)]]
 
 
 def _waves(orders: Sequence[float], amounts: NDArray[Any]) -> list[Wave]:
@@ -72,14 +91,14 @@ def _waves(orders: Sequence[float], amounts: NDArray[Any]) -> list[Wave]:
     return sorted(found, key=lambda each: -each[0])
 
 
-def _exchanged(kept: list[int], best_beside: Callable[[list[int]], int]) -> list[int]:
-    """Orders, each but the first replaced by the best one beside the others until none changes.
+def _exchanged(kept: list[int], best_beside: Callable[[list[int]], int], given: int) -> list[int]:
+    """Orders, each but the first `given` replaced by the best one beside the others until none changes.
 
     Over less than a turn neighbouring orders are alike, and the first choices may be wrong.
     """
     for _ in range(PASSES):
         before = list(kept)
-        for i in range(1, len(kept)):
+        for i in range(given, len(kept)):
             kept[i] = best_beside(kept[:i] + kept[i + 1 :])
         if kept == before:
             break
@@ -101,24 +120,45 @@ def _encoder_columns(problem: ResidualModel, fit: Fit, number: int) -> Array:
     return columns
 
 
-def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> list[Wave]:
-    """(amplitude [N m], order, phase [rad]) of at most `most` orders of the missing torque of a row on an axis."""
+def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> list[list[Wave]]:
+    """At most `most` orders of the missing torque of a row on an axis, amplitudes in N m, in two ways.
+
+    Whole orders, and free ones: those of a rotor behind a gear need not be whole on the angle that is measured. Over
+    less than a turn, several neighbouring whole orders are much like one between them.
+    """
     angle, torque = _missing(equations, row, axis)
     if not len(torque):
         return []
+    orders = np.array(TORQUE_ORDERS, dtype=np.float64)
+    columns = np.stack([wave(orders * angle[:, None]) for wave in (np.sin, np.cos)], axis=2).reshape(len(angle), -1)
+    kept = _pursued(columns, np.ones((len(angle), 1)), torque, most)
+    chosen = [orders[kept].tolist(), _free_orders(angle, torque, most)]
+    return [_fitted_waves(angle, torque, each) for each in chosen if each]
+
+
+def _free_orders(angle: Array, torque: Array, most: int) -> list[float]:
+    """At most `most` orders of torque (W,), on a grid finer than whole numbers."""
     kept: list[float] = []
     rest = torque - torque.mean()
-    weights = np.empty(0)
     while len(kept) < most:
-        order = strongest_order(angle, rest, kept)
-        columns = [wave(each * angle) for each in (*kept, order) for wave in (np.sin, np.cos)]
-        design = np.column_stack([*columns, np.ones_like(angle)])
-        fitted = np.linalg.lstsq(design, torque, rcond=None)[0]
-        left = torque - design @ fitted
+        more = [*kept, strongest_order(angle, rest, kept)]
+        design = _design(angle, more)
+        left = torque - design @ np.linalg.lstsq(design, torque, rcond=None)[0]
         if left @ left > (1.0 - MATERIAL) * (rest @ rest):
             break
-        kept, rest, weights = [*kept, order], left, fitted
-    return _waves(kept, weights[: 2 * len(kept)].reshape(-1, 2))
+        kept, rest = more, left
+    return kept
+
+
+def _fitted_waves(angle: Array, torque: Array, orders: Sequence[float]) -> list[Wave]:
+    fitted = np.linalg.lstsq(_design(angle, orders), torque, rcond=None)[0]
+    return _waves(orders, fitted[: 2 * len(orders)].reshape(-1, 2))
+
+
+def _design(angle: Array, orders: Sequence[float]) -> Array:
+    """(W, 2 n + 1) sine and cosine of each order, and a constant."""
+    columns = [wave(each * angle) for each in orders for wave in (np.sin, np.cos)]
+    return np.column_stack([*columns, np.ones_like(angle)])
 
 
 def _missing(equations: ResidualModel, row: Array, axis: int) -> tuple[Array, Array]:

@@ -32,39 +32,28 @@ def with_harmonics(
         for fit in sorted(periodic, key=lambda each: each.loss)[:REPEATED]:
             for number, place in enumerate(fit.locations):
                 if place.name == name:
-                    waves = _waves(whole, equations, fit, number)
-                    if len(waves) > 1:
-                        found.append(_richer(whole, fit, number, waves, scales))
-                    if name == RIPPLE:
-                        found.append(_richer(whole, fit, number, _with_whole_orders(waves), scales))
+                    found += [
+                        _richer(whole, fit, number, waves, scales) for waves in _waves(whole, equations, fit, number)
+                    ]
     return [each for each in found if each is not None]
 
 
-def _waves(whole: ResidualModel, equations: ResidualModel | None, fit: Fit, number: int) -> list[Wave]:
-    """All orders of a periodic effect of `fit`."""
+def _waves(whole: ResidualModel, equations: ResidualModel | None, fit: Fit, number: int) -> list[list[Wave]]:
+    """All orders of a periodic effect of `fit`, as far as its one order is not all of it; several choices."""
     place = fit.locations[number]
     if place.name == ENCODER:
-        return encoder_waves(whole, fit, number, ENCODER_HARMONICS)
+        waves = encoder_waves(whole, fit, number, ENCODER_HARMONICS)
+        return [waves] if len(waves) > 1 else []
     if equations is None:
         return []
     others = [effect for i, effect in enumerate(fit.effects) if i != number]
     axis = place.axis if equations.device.n_motors else 0
-    return torque_waves(equations, equations.row(others, fit.offsets), axis, RIPPLE_HARMONICS)
-
-
-def _with_whole_orders(waves: Sequence[Wave]) -> list[Wave]:
-    """The waves with the nearest whole orders; of two with the same one, the larger."""
-    nearest: dict[float, Wave] = {}
-    for amplitude, order, phase in waves:
-        whole = max(float(round(order)), 1.0)
-        nearest.setdefault(whole, (amplitude, whole, phase))
-    return list(nearest.values())
+    chosen = torque_waves(equations, equations.row(others, fit.offsets), axis, RIPPLE_HARMONICS)
+    return [waves for waves in chosen if len(waves) > 1 or waves[0][1].is_integer()]
 
 
 def _richer(whole: ResidualModel, fit: Fit, number: int, waves: Sequence[Wave], scales: Scales) -> Fit | None:
-    """The fit with an effect of these orders; None if there is none, or if they contradict one another."""
-    if not waves:
-        return None
+    """The fit with an effect of these orders; None if they contradict one another."""
     given = {
         f"{name}{'' if k == 0 else f'_{k + 1}'}": value
         for k, wave in enumerate(waves)

@@ -9,7 +9,7 @@ from math import atan2, hypot
 import numpy as np
 from via_core.devices import Device
 from via_sim.catalogue.kinds import EffectParameter
-from via_sim.catalogue.starts import Start, Starts, Typical
+from via_sim.catalogue.starts import Start, Typical
 
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
@@ -18,7 +18,10 @@ Values = dict[str, float]
 
 
 def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, ...]:
-    """All starts of a candidate; for both motors those of the first. Optional parameters are neutral."""
+    """All starts of a candidate; for both motors those of the first. Optional parameters are neutral.
+
+    An effect that states no starts begins at a tenth of the typical sizes.
+    """
     parameters = location.parameters
 
     def whole(given: Values) -> Values:
@@ -29,19 +32,20 @@ def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, .
         device, torque, speed, float(scales.peak[max(location.axis, 1) - 1]), scales.slew, scales.angle, scales.range,
         scales.deflection, scales.duration, scales.busy, scales.orders[location.axis],
     )  # fmt: skip
-    made = _starts_of(location).made(here)
+    if location.kind.starts is not None:
+        made = location.kind.starts.made(here)
+    else:
+        tenth = {p.name: p.neutral + 0.1 * size_of(p, location, scales) for p in parameters}
+        made = [Start((tenth,), size_parameters(location))]
     return tuple(replace(start, directions=tuple(map(whole, start.directions))) for start in made)
 
 
 def size_parameters(location: Location) -> tuple[str, ...]:
     """Names of the size parameters of an effect: at their neutral values it is absent."""
-    return _starts_of(location).sizes
-
-
-def _starts_of(location: Location) -> Starts:
-    """Starts of an effect; one that is found in the measurements alone is no candidate."""
-    assert location.kind.starts is not None
-    return location.kind.starts
+    if location.kind.starts is not None:
+        return location.kind.starts.sizes
+    names = tuple(p.name for p in location.parameters if p.linear)
+    return names or tuple(p.name for p in location.parameters)
 
 
 def combined(location: Location, start: Start, amounts: Sequence[float]) -> list[float]:

@@ -9,6 +9,7 @@ on average. The motion in the log decides between the two (`via_gap.selection.be
 from __future__ import annotations
 
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 from via_core.signals import Array, Signals
@@ -17,6 +18,13 @@ from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog
 
 RATE = 1000.0  # [Hz] of the steps that approximate a line in a free simulation
+# Periods of the log by which lines act late, half the controller's period: before the motion is looked at, any number
+# from 0 to a half. Mean and standard deviation.
+LATE, LATE_SD = 0.25, 0.5 / sqrt(12.0)
+STEPS_SD = (
+    0.5 / 1.96
+)  # the same where steps are assumed: half a period, by which lines may be ahead, is in the interval
+LATE_STEP = 0.05  # of a period: finite-difference step of this delay
 
 
 def in_lines(log: JointLog, late: float) -> JointLog:

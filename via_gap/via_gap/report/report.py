@@ -1,8 +1,10 @@
-"""GapReport: the result of a diagnosis, numbers only. `rendering` makes text and pages of it.
+"""GapReport: the result of a diagnosis, numbers only.
 
-report = diagnose([log], device)
-text = report.to_json()                       # its schema: gap_report.schema.json
-again = GapReport.model_validate_json(text)
+    report = diagnose([log], device)
+    text = report.to_json()                       # its schema: gap_report.schema.json
+    again = GapReport.model_validate_json(text)
+
+`rendering` makes text and pages of it.
 """
 
 from __future__ import annotations

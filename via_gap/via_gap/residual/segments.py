@@ -44,7 +44,6 @@ ROUNDED = 1e-6  # of a tick
 SMALLEST = 1e-6  # [rad] of a noise
 EDGE = 1e-3  # [s] by which a segment may extend beyond a usable interval
 LOST = 1.5  # periods between two samples from which one between them was lost
-RESTS = 0.01  # [rad] range within which an axis is at rest when a log begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,11 +142,15 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     begin = np.arange(0, len(grid) - ticks, ticks, dtype=np.intp)
     reach = max(SMOOTHING, 4.0 * period)
     quanta = np.array([quantum(log, axis) for axis in axes])
-    states = _smoothed(angles, axes, rate, reach, quanta, max(1, round(rate * period)))
     averaged = per_sample == 1 and uniform
     known = log_noise(log) if quality is None else quality.noise
     channels = [known.channels["q" if axis == 0 else f"theta_{axis}"] for axis in axes]
     sd = np.array([channel.sd for channel in channels])
+    first = angles[: max(2, round(reach * rate)) + 1]
+    still = np.ptp(first, axis=0) < START_SPEED * reach + 4.0 * sd  # (a,) the log begins with this axis at rest
+    states = _smoothed(angles, axes, rate, reach, quanta, max(1, round(rate * period)))
+    at_rest = [axes[i] for i in np.flatnonzero(still)]  # a one-sided fit would be less accurate
+    states[0, at_rest], states[0, [3 + axis for axis in at_rest]] = np.median(first[:, still], axis=0), 0.0
     share = np.full(len(axes), 1.0 / every if averaged else 1.0)  # variance of a bin over that of a sample
     for i in np.flatnonzero(sd > 0.0):
         path = states[:, axes[i]]
@@ -164,9 +167,8 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     start_noise = np.stack([START * sample_noise, START * sample_noise / reach + START_SPEED], axis=1)
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
     valid = np.array([missing[b : b + ticks + 1].mean() < 0.02 for b in begin])
-    moved = np.ptp(angles[: max(2, round(reach * rate)) + 1], axis=0)
-    rests = bool(np.all(moved < START_SPEED * reach + 4.0 * sample_noise))
-    if len(begin) > 1 and np.any(moved >= RESTS):
+    rests = bool(still.all())
+    if len(begin) > 1 and not rests:
         valid[0] = False  # the log begins in motion: a one-sided fit of the velocity is too uncertain
     if quality is not None:
         valid &= _inside(origin + begin / rate, ticks / rate, quality.usable)
@@ -309,9 +311,6 @@ def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float, qua
         states[:, axis] = savgol_filter(angles[:, i], window, 2)
         order = slope_order(read[:, i], states[::per_sample, axis], quanta[i], among) if quanta[i] > 0.0 else 3
         states[:, 3 + axis] = savgol_filter(angles[:, i], window, order, deriv=1, delta=1.0 / rate)
-        begin = angles[:window, i]
-        if np.ptp(begin[: half + 1]) < RESTS:  # at rest, the velocity is 0; a one-sided fit would be less accurate
-            states[0, axis], states[0, 3 + axis] = np.median(begin[: half + 1]), 0.0
     return states
 
 

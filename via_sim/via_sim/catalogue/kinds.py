@@ -81,7 +81,7 @@ class EffectKind:
     slots          slots of the row that only this effect uses
     terms          compiled parts of the equations of motion that the kernels are composed from
     write          checks the values and writes those that have no slot of their own
-    starts         initial values of fits; None if the effect is found in the measurements alone
+    starts         initial values of fits; None: a tenth of the typical sizes
     forms          combinations of parameters that a report states
     """
 
@@ -107,6 +107,7 @@ class EffectKind:
     adds: bool = False  # several at one location add up
     dry: bool = False  # dry friction, of which a fit allows no more than the missing torque
     whole_period: bool = False  # periodic, with at least one period within the travel of its axis
+    measured: bool = False  # found in the measurements alone, because it does not change the motion
     one_run: bool = False  # acts at one time of one run, so it cannot be the common cause in several logs
 
     @property

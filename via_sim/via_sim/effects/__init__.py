@@ -28,7 +28,6 @@ from via_sim.catalogue.kinds import EffectKind
 from via_sim.effects.device_numbers import DEVICE_NUMBERS, write_numbers
 from via_sim.joint.parameters import LINK, MOTOR_1, MOTOR_2, P, RowSpot
 
-_KINDS: Mapping[str, EffectKind] = {**EFFECTS, DEVICE_NUMBERS.name: DEVICE_NUMBERS}
 PAIRED = ("motor", "transmission")  # sites at which motor 0 means both
 _NUMBERED = {"motor": (1, 2, 0), "transmission": (1, 2, 0), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
 
@@ -53,9 +52,10 @@ class Effect:
     joint: str = ""
 
     def __post_init__(self) -> None:
-        kind = _KINDS.get(self.name)
+        kind = _kind(self.name)
         if kind is None:
-            raise ParameterError(f"effect: must be one of {', '.join(_KINDS)}, got '{self.name}'")
+            known = ", ".join((*EFFECTS, DEVICE_NUMBERS.name))
+            raise ParameterError(f"effect: must be one of {known}, got '{self.name}'")
         if self.site not in kind.sites:
             raise ParameterError(f"{self.name}.site: must be one of {', '.join(kind.sites)}, got '{self.site}'")
         allowed = _NUMBERED.get(self.site, (0,))
@@ -87,7 +87,9 @@ class Effect:
 
     @property
     def kind(self) -> EffectKind:
-        return _KINDS[self.name]
+        kind = _kind(self.name)
+        assert kind is not None  # checked when the effect was made
+        return kind
 
     def write(self, row: Array) -> None:
         """Write the effect into a row (N_PARAMETERS,) of a joint that it fits, in place."""
@@ -95,6 +97,10 @@ class Effect:
             write_numbers(row, self.parameters)
         else:
             write_values(row, self.kind, self.site, self.motor, self.parameters)
+
+
+def _kind(name: str) -> EffectKind | None:
+    return DEVICE_NUMBERS if name == DEVICE_NUMBERS.name else EFFECTS.get(name)
 
 
 def place_name(site: str, motor: int) -> str:

@@ -143,8 +143,10 @@ class RobotSimulationNode(SimulationNode[Array]):
         impulse, deflection = np.array(request.impulse), np.array(request.deflection)
         answer.success = False
         for name, values in (("impulse", impulse), ("deflection", deflection)):
-            if len(values) not in (0, self._count) or not np.isfinite(values).all():
-                answer.message = f"{name} must hold {self._count} finite numbers or none, got {values.tolist()}"
+            fits = len(values) in (0, self._count)
+            if not fits or not np.isfinite(values).all():
+                given = values.tolist() if fits else f"{len(values)} numbers"
+                answer.message = f"{name} must hold {self._count} finite numbers or none, got {given}"
                 return answer
         none = np.zeros(self._count)
         try:

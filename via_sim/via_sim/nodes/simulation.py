@@ -14,7 +14,8 @@ free      ticks as fast as possible under the last command
 
 Commands that do not fit the robot, and commands that make the state overflow, are ignored and counted. While two nodes
 command the robot, all commands are refused. A simulator does not begin while another node publishes samples of its
-joints, and refuses all commands if one begins later. Diagnostics name these nodes.
+joints, stops again if it hears one of them soon after (discovery takes time), and refuses all commands if one begins
+later. Diagnostics name these nodes.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ MAX_LATE = 100_000_000  # [ns] beyond it time is skipped instead of caught up
 POLL = 0.02  # [s] between checks of the connections
 STABLE = 5  # successive checks with all connections, so that discovery is complete on both sides
 REPEAT = 100  # checks without an answer before lockstep publishes a sample again
+YOUNG = 2.0  # [s] after its begin during which a simulator gives way to another one
 LONGEST = 1e9  # [s]
 EPOCH = SECOND  # [ns] stamp of the first sample in simulated time; in ROS a stamp of 0 means 'no time'
 
@@ -77,7 +79,7 @@ class SimulationNode(Node, Generic[Row]):
         self._tick = self._late = self._skipped = self._refused = self._unmatched = self._repeats = 0
         self._taken = self._overtaken = self._looks = self._mixed = 0
         self._last = sys.maxsize
-        self._running = False
+        self._running, self._since = False, 0.0  # [s] steady clock when time began
         self._polls = self._reported = 0
         self._epoch, self._began = EPOCH, 0  # [ns] stamp and steady time of sample 0
         self._joint_states = self.create_publisher(JointState, "/joint_states", qos.SAMPLES)
@@ -142,6 +144,8 @@ class SimulationNode(Node, Generic[Row]):
 
     def _keep_pace(self) -> None:
         """Take all ticks that are due, in mode realtime."""
+        if not self._running:  # the timer was due already when time stopped
+            return
         now = time.monotonic_ns()
         behind = now - self._began - self._after(self._tick + 1)
         if behind > MAX_LATE:
@@ -168,6 +172,8 @@ class SimulationNode(Node, Generic[Row]):
                 self._polls = 0
             elif self._polls >= STABLE:
                 self._begin()
+        elif self._drivers.is_mixed() and time.monotonic() - self._since < YOUNG:
+            self._give_way()
         elif self._times.mode == "lockstep" and self._polls >= REPEAT:
             self._polls = 0
             self._repeats += 1
@@ -186,14 +192,23 @@ class SimulationNode(Node, Generic[Row]):
             and all(each.get_subscription_count() >= self.count_subscribers(each.topic_name) for each in own)
         )
 
+    def _give_way(self) -> None:
+        """Stop time until the other driver has gone."""
+        self._running, self._polls = False, 0
+        if self._pace is not None:
+            self.destroy_timer(self._pace)
+            self._pace = None
+        self.get_logger().warning(f"another node publishes samples of {self._name}: waits until it has gone")
+
     def _begin(self) -> None:
-        self._running, self._polls = True, 0
+        self._running, self._polls, self._since = True, 0, time.monotonic()
         mode, rate = self._times.mode, self._times.rate
         # A clock of its own: this timer may always be ready, and each other timer of its clock that is made, reset or
         # ready meanwhile makes EventsExecutor (rclpy 7.1) put it twice into its queue; all other callbacks then starve.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         if mode == "realtime":
-            self._epoch, self._began = self.get_clock().now().nanoseconds, time.monotonic_ns()
+            passed = self._after(self._tick)  # not 0 if time was stopped
+            self._epoch, self._began = self.get_clock().now().nanoseconds - passed, time.monotonic_ns() - passed
             self._pace = self.create_timer(1.0 / rate, self._keep_pace, clock=clock)
         elif mode == "free":
             self._pace = self.create_timer(1e-6, self._step, clock=clock)

@@ -19,6 +19,10 @@ COMMANDS = {
         "via_validation.commands.faults:faults",
         "Feed faulty and sound signals to every estimator and report its status.",
     ),
+    "reliability": Entry(
+        "via_validation.commands.reliability:reliability",
+        "Inject faults into the live graph and check what each node does (a quarter of an hour).",
+    ),
     "fuzz": Entry(
         "via_validation.commands.fuzz:fuzz",
         "Damage files and give them to the loaders: each must be read or refused in one line.",

@@ -16,5 +16,6 @@ KIND = EffectKind(
             slot="encoder_quantum",
         ),
     ),
+    measured=True,
     slots=(Slot("encoder_quantum", "rad", "resolution of the measurement", 3),),
 )  # fmt: skip
