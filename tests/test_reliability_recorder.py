@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from builtin_interfaces.msg import Time
+from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 from via_core.bags.reader import read_bag
 from via_core.bags.recovery import recover
@@ -20,6 +21,7 @@ from via_interfaces.msg import VsaCommand
 from via_ros import qos
 from via_ros.conversions import nanoseconds, set_stamp
 from via_ros.nodes.recorder import Recorder
+from via_ros.spin import close_all, remove
 
 COMMANDS = "/robot/command"
 TYPE = "via_interfaces/msg/VsaCommand"
@@ -123,3 +125,19 @@ def test_messages_sent_before_the_first_recorded_one_are_reported(graph, tmp_pat
     before = int(read_bag(tmp_path / "bag")[COMMANDS]["sequence"][0])
     assert before >= 32
     assert f"0 missing; sent before the first recorded one: {before} on {COMMANDS}" in capfd.readouterr().err
+
+
+def test_messages_that_wait_in_the_queue_at_the_end_are_recorded(graph, tmp_path):
+    robot = Robot(graph)
+    recorder = graph.add(Recorder, bag=str(tmp_path / "bag"), topics=[f"{COMMANDS}:{TYPE}"])
+    (subscription,) = recorder._subscriptions_of.values()
+    graph.until(lambda: robot.publisher.get_subscription_count() == 1 and subscription.get_publisher_count() == 1)
+    graph.nodes.remove(recorder)
+    remove(graph.executor, recorder)  # a machine under load: the executor has not come to them
+    for _ in range(50):
+        robot.publisher.publish(robot.message)
+        robot.message.sequence += 1
+    assert robot.publisher.wait_for_all_acked(Duration(seconds=600))
+    close_all([recorder])
+    bag = read_bag(tmp_path / "bag")
+    assert bag.complete and list(bag[COMMANDS]["sequence"]) == list(range(50))

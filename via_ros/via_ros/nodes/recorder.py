@@ -217,6 +217,7 @@ class Recorder(Node):
         if failed:
             self._writer.abandon()
             return
+        self._drain()
         self._writer.close()
         total = sum(count.messages for count in self.counts.values())
         lost = sum(count.lost for count in self.counts.values())
@@ -227,6 +228,16 @@ class Recorder(Node):
         text += f"; sent before the first recorded one: {', '.join(late)}" if late else ""
         # Not the logger: the context may be gone.
         print(text + (f"; no message on {', '.join(empty)}" if empty else ""), file=sys.stderr)
+
+    def _drain(self) -> None:
+        """Record what has arrived and waits in the queues, at most as much as one queue holds of each topic."""
+        for subscription in self._subscriptions_of.values():
+            for _ in range(qos.SAMPLES.depth):
+                with subscription.handle:
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    break
+                subscription.callback(taken[0])
 
     def _received(self, name: str) -> bool:
         return name in self.counts and self.counts[name].messages > 0

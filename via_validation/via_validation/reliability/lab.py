@@ -30,6 +30,7 @@ RECORDED = {
     COMMANDS: "via_interfaces/msg/VsaCommand",
     ESTIMATES: "via_interfaces/msg/StiffnessEstimate",
 }
+LISTENERS = 4  # of samples: peer, controller, estimator, recorder
 SD, SHARE = 4.0, 0.15  # as of `stream`
 
 
@@ -46,13 +47,13 @@ class Lab:
         self.recorder, self.estimator, self.controller = (
             self.start_recorder(), self.start_estimator(), self.start_controller(),
         )  # fmt: skip
-        self.simulator = self.start_simulator(listeners=4)
+        self.simulator = self.start_simulator()
         self.goes_on("at the start")
         self._fault = 0  # samples before the fault
 
     # ---- processes
 
-    def start_simulator(self, listeners: int = 1) -> Process:
+    def start_simulator(self, listeners: int = LISTENERS) -> Process:
         """A simulator, which waits for that many listeners."""
         return self.graph.start(
             "via_sim", "simulator", f"device:={DEVICE.name}", f"rate:={RATE}", "truth:=true", f"listeners:={listeners}"
@@ -107,13 +108,18 @@ class Lab:
         expect(after <= 1e-6 * WITHIN, f"torque until {after:.1f} ms after the fault")
         return after
 
+    def backward(self) -> int:
+        """Number of samples since the fault with a stamp before that of the one before: of another simulator."""
+        stamps = [nanoseconds(each.header.stamp) for each in self.samples[self._fault :]]
+        return int((np.diff(stamps) < 0).sum())
+
     def begin(self) -> None:
         """The fault comes now."""
         self._fault = len(self.samples)
 
     def largest_gap(self) -> float:
-        """[ms] largest step between the stamps of two samples since the fault."""
-        stamps = [nanoseconds(each.header.stamp) for each in self.samples[self._fault :]]
+        """[ms] largest step between the stamps of two samples, from the last one before the fault on."""
+        stamps = [nanoseconds(each.header.stamp) for each in self.samples[self._fault - 1 :]]
         return 1e-6 * float(np.diff(stamps).max())
 
     def wrong(self) -> str:
