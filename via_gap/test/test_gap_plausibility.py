@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gap_models import evaluated, scales
-from via_gap.candidates.fit import Fit, bounds_of
+from via_gap.candidates.bounds import bounds_of
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.selection.comparison import _supported
 from via_gap.selection.plausibility import absurd, doubt

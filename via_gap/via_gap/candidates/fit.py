@@ -15,6 +15,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_sim.effects import Effect
 
+from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.covariance import clustered_covariance, covariance_of, in_units
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
@@ -37,8 +38,6 @@ LONG = 10.0  # [s] a parameter in seconds with a larger range is a time of the r
 TIME_STEPS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003, 0.0001)  # of the log's duration
 LAST_STEPS = 3  # of these, once times are nearly right
 MOST_DAMPED = 1.0  # of the curvature of each parameter: a step that is damped more and does not help is the last
-WIDEST = 10.0  # times the typical size in a log: largest plausible effect
-SCALED = ("N m", "N m s/rad", "N m s^2/rad^2", "kg m^2")  # units whose bounds depend on the device
 OWN = 6  # rounds for the device parameters alone
 GIVE_UP = 4.0  # times the best loss so far
 
@@ -133,28 +132,6 @@ def fit_device_numbers(problem: ResidualModel) -> Fit:
     offsets = few[0].fit_nuisances((), np.zeros(len(problem.nuisances)))[0]
     offsets, residual = problem.fit_nuisances((), offsets, OWN)
     return Fit((), offsets, float(problem.loss(residual) + offsets @ offsets), residual, np.empty((0, 0)))
-
-
-def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
-    """Lowest and highest value (p,) of every parameter; torques and inertias at most WIDEST times the typical size.
-
-    Dry friction is also at most WIDEST times the largest missing torque of its axis: the larger a static friction is,
-    the more errors near standstill lie below it, so that the equations alone do not limit it.
-
-    A torque ripple has at least one period within the travel of its axis: part of a period would be any function of
-    the angle, such as an error of gravity.
-    """
-    limited = [(p, p.unit in SCALED and p.neutral == 0.0) for p in location.parameters]
-    reach = np.array([WIDEST * size_of(p, location, scales) if has_limit else np.inf for p, has_limit in limited])
-    if location.kind.dry:
-        is_torque = np.array([p.unit == "N m" for p in location.parameters])
-        reach = np.where(is_torque, np.minimum(reach, WIDEST * scales.missing[location.axis]), reach)
-    low, high = np.array([(p.low, p.high) for p in location.parameters]).T
-    if location.kind.whole_period:
-        whole = 2.0 * np.pi / max(float(scales.travel[location.axis]), 1e-9)
-        is_order = np.array([p.unit == "1/rev" for p in location.parameters])
-        low = np.where(is_order, np.minimum(np.maximum(low, whole), high), low)
-    return np.maximum(low, -reach), np.minimum(high, reach)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from via_core.devices import Device
 
-from via_gap.candidates.fit import bounds_of
+from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.report.combinations import combinations

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.stats import chi2
 from via_core.signals import Array
 
-from via_gap.candidates.fit import Fit, bounds_of
+from via_gap.candidates.bounds import bounds_of
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of, size_parameters

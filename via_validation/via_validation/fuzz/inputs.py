@@ -5,26 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from via_core.bags.inspection import check, info
 from via_core.bags.mapping import load_mapping
-from via_core.bags.messages import command_messages, joint_messages
-from via_core.bags.writer import BagWriter
 from via_core.command_files import read_motion
 from via_core.devices import device_names, load_device
 from via_core.recordings.tables import read_tables
 from via_core.robots.models import read_robot
 from via_core.vsa_arms import load_vsa_arm
-from via_core.wire import JOINT_STATE, VSA_COMMAND
 from via_gap.run.arm_model import load_arm
 from via_sim.effects import Effect
 from via_sim.effects.files import effects_text, load_effects
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate
 
+from via_validation.fuzz.bags import read_bag, sample_bag
 from via_validation.fuzz.reports import read_whole_report, sample_report
 
 TICKS = 5  # of a simulation with a damaged device
@@ -74,7 +70,7 @@ def kinds() -> dict[str, Kind]:
         "effects": Kind(".yaml", (effects_text(effects).encode(),), load_effects),
         "commands": Kind(".csv", (commands.encode(),), lambda path: read_motion(path, load_device("cubic_demo"))),
         "recording": Kind(".csv", (_recording().encode(),), read_tables),
-        "bag": Kind(".mcap", (_bag(),), _read_bag),
+        "bag": Kind(".mcap", (sample_bag(),), read_bag),
         "arm": Kind(".yaml", _contents("vsa_arms", ".yaml"), load_vsa_arm, _beside("vsa_arms")),
         "rigid arm": Kind(".yaml", _contents("arms", ".yaml"), load_arm, _beside("arms")),
         "URDF": Kind(".urdf", _contents("arms", ".urdf") + _contents("vsa_arms", ".urdf"), read_robot),
@@ -122,24 +118,3 @@ def _recording() -> str:
 def _device(path: Path) -> None:
     device = load_device(path)
     simulate(JointPlant.from_device(device), None, TICKS / 1000.0, 1000.0)
-
-
-def _read_bag(path: Path) -> None:
-    info(path)
-    check(path)
-
-
-def _bag() -> bytes:
-    stamp = np.arange(300) * 1_000_000
-    angles = np.sin(0.01 * np.arange(900)).reshape(300, 3)
-    joints = joint_messages("robot", ["link", "motor_1", "motor_2"], stamp, {"position": angles})
-    with TemporaryDirectory() as folder:
-        with BagWriter(Path(folder) / "bag", {"title": "fuzz"}) as bag:
-            bag.add_topic("/joint_states", JOINT_STATE)
-            bag.add_topic("/robot/command", VSA_COMMAND)
-            for at, joint, command in zip(
-                stamp.tolist(), joints, command_messages("robot", stamp, {"motor": angles[:, 1:]})
-            ):
-                bag.write("/joint_states", joint, at)
-                bag.write("/robot/command", command, at)
-        return (Path(folder) / "bag" / "bag_0.mcap").read_bytes()
