@@ -15,7 +15,7 @@ from via_controllers.nodes.single import NODES
 from via_core.devices import load_device
 from via_estimators.nodes.estimator import EstimatorNode
 from via_interfaces.msg import StiffnessEstimate, VsaCommand
-from via_interfaces.srv import Hold
+from via_interfaces.srv import Hold, Push
 from via_ros import qos
 from via_ros.conversions import Command, JointStateWriter
 from via_ros.gate import QUIET, RenewedSubscription
@@ -87,6 +87,14 @@ def test_a_hold_of_any_length_is_answered(graph):
         answer = peer.call(Hold, "/arm_simulator/hold", Hold.Request(duration=duration))
         assert not answer.success and "duration must lie in [0, 1e+09] s" in answer.message
     assert peer.call(Hold, "/arm_simulator/hold", Hold.Request(duration=1e9)).success
+
+
+def test_a_push_of_too_many_numbers_is_refused_in_one_line(graph):
+    peer = Peer(graph)
+    graph.add(ArmSimulatorNode, mode="free")
+    answer = peer.call(Push, "/arm_simulator/push", Push.Request(impulse=[0.0] * 100_000))
+    assert not answer.success
+    assert answer.message == "impulse must hold 4 finite numbers or none, got 100000 numbers"
 
 
 ROBOT = """

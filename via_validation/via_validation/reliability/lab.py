@@ -48,6 +48,9 @@ class Lab:
             self.start_recorder(), self.start_estimator(), self.start_controller(),
         )  # fmt: skip
         self.simulator = self.start_simulator()
+        graph.until(
+            lambda: all(f"recording {topic}" in self.recorder.errors() for topic in RECORDED), "recording", 600.0
+        )
         self.goes_on("at the start")
         self._fault = 0  # samples before the fault
 
@@ -158,7 +161,9 @@ class Lab:
             last = max(stamps) if until is None else until
             missing = [each for each in each_heard if min(stamps) <= each <= last and each not in stamps]
             counts.append(f"{len(stamps)} on {topic}")
-            expect(not missing, f"{len(missing)} of {len(each_heard)} messages on {topic} are missing in the bag")
+            after = 1e-6 * (missing[0] - nanoseconds(self.samples[self._fault - 1].header.stamp)) if missing else 0.0
+            lost = f"{len(missing)} of {len(each_heard)} messages on {topic} are missing in the bag"
+            expect(not missing, f"{lost}, the first one {after:.0f} ms after the fault")
         return f"none missing in the bag: {', '.join(counts)}"
 
 
