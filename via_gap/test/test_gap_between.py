@@ -12,6 +12,7 @@ from via_gap.logs.log import JointLog
 from via_gap.report.withheld import before_and_after
 from via_sim.effects import Effect
 
+DELAY = Effect("actuator_delay", "command", {"delay": 0.0213})
 PAYLOAD = Effect("payload", "link", {"mass": 0.1, "distance": 0.3})
 
 
@@ -47,6 +48,16 @@ def test_an_effect_is_found_in_a_thinned_log_and_measured_on_another_one():
     assert report.verdict == "effect" and report.effects[0].effect == "payload"
     before, after = before_and_after(report.as_read(logs[1:]), rigid(), report.repaired())
     assert after.overall < 0.3 * before.overall
+
+
+@pytest.mark.parametrize("device", [rigid(), flexible()], ids=["rigid", "flexible"])
+def test_the_interval_of_a_delay_contains_that_of_commands_between_samples(device):
+    """The motion shows the sum of the drive's delay and that of steps which nobody commanded, up to half a sample."""
+    whole = log_of(device, (DELAY,), seed=11, duration=20.0)
+    cause = diagnose([thinned(whole, 5)], device).causes[0]
+    assert cause.effect in ("actuator_delay", "channel_skew")  # with one encoder, both are one cause
+    delay, period = cause.parameters["delay"], 5.0 / device.sensors.rate
+    assert abs(delay.value - 0.0213) < 1.96 * delay.sd < 0.6 * period
 
 
 def test_lines_act_late_and_pass_the_samples():

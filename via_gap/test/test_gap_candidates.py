@@ -138,7 +138,7 @@ def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says
     location = Location(DAMPED.name, DAMPED.site, DAMPED.motor)
     led_astray = Fit((), 0.8 * BOUND * np.sign(base.offsets), 0.0, base.residual, base.covariance)
     fit = refine(problem, led_astray, [(location, (0.06,))], scales)
-    end = converged(problem, fit, scales, 0.03)
+    end = converged(problem, fit, scales)
     proportional = [each.tolerance for each in problem.nuisances if "bandwidth" not in each.name]
     factors = [1.0 + n.tolerance * d for n, d in zip(problem.nuisances, end.offsets) if "bandwidth" not in n.name]
     known = 1.0 / np.sqrt(sum((factor / t) ** 2 for factor, t in zip(factors, proportional)))

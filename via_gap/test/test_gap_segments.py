@@ -165,3 +165,16 @@ def test_the_first_segment_counts_only_where_a_log_begins_at_rest():
     moving = replace(log, measured=Signals(log.measured.time[later], channels, log.measured.units))
     valid = cut_log(moving).valid
     assert not valid[0] and valid[1:].all()
+
+
+def test_a_log_that_begins_slowly_does_not_begin_at_rest():
+    """The first velocity of an axis at rest counts as 0; at .1 to .5 rad/s the first segment would be wrong."""
+    log = log_of(flexible(), (), seed=9, duration=6.0, tolerance=0.0)
+    speeds = np.abs(np.gradient(np.column_stack([log.measured["q"], log.measured["theta"]]), log.measured.time, axis=0))
+    slow = np.convolve(np.all((speeds > 0.1) & (speeds < 0.5), axis=1), np.ones(20), "valid") == 20
+    first = 200 + int(np.argmax(slow[200:3000]))
+    assert slow[first]
+    later = slice(first, None)
+    channels = {name: values[later] for name, values in log.measured.channels.items()}
+    moving = cut_log(replace(log, measured=Signals(log.measured.time[later], channels, log.measured.units)))
+    assert not moving.rests and not moving.valid[0] and moving.valid[1:].all()

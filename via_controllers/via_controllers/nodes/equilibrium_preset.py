@@ -48,9 +48,8 @@ class EquilibriumPresetNode(ControllerNode):
 
     def _refer(self, message: JointReference) -> None:
         given = (message.equilibrium, message.stiffness)
-        self._start = self._controller.with_reference(
-            self._start, *given
-        )  # raises if out of reach: the gate reports it
+        # Raises if out of reach, and the gate reports it.
+        self._start = self._controller.with_reference(self._start, *given)
         self.update(lambda state: self._controller.with_reference(state, *given))
 
     def _estimate(self, message: StiffnessEstimate) -> None:

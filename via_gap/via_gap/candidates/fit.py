@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,6 @@ from via_gap.candidates.starts import size_of
 from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.residual.nuisance import BOUND, descend
 from via_gap.residual.residual_model import STEP, ResidualModel
-from via_gap.residual.segments import lined
 
 ROUNDS = 14
 SPARSE = 6  # of so many neighbouring segments two are used for the first fit of the device parameters
@@ -342,7 +340,7 @@ def refine(
     return axes.fit(here, covariance, np.where(axes.times, TIME_STEPS[-1], np.where(apart | axes.fixed, 0.0, sd)))
 
 
-def converged(problem: ResidualModel, fit: Fit, scales: Scales, margin: float) -> Fit:
+def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     """A fit continued along directions in which the loss is nearly flat, with standard deviations that include them.
 
     Without a recorded torque, all torques and inertias of a joint may grow together without any change of the motion;
@@ -350,7 +348,7 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales, margin: float) -
     the line, so that it seems well determined. Central differences do not, and one step with them is nearly exact. From
     the end of a tolerance differences are one-sided, and a second step is needed.
 
-    The standard deviations also include what is not known of the commands between samples (`margin` as in `_later`).
+    The standard deviation of a delay also includes what is not known of the commands between samples.
     """
     axes = _Axes.of(problem, members_of(fit), scales)
     count = axes.count
@@ -369,24 +367,20 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales, margin: float) -
     covariance, pull = axes.covariance(here, normal), problem.weights(begin.residual)
     clustered = clustered_covariance(problem, slopes * pull[:, None], pull * here.residual, normal, count)
     covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(clustered) / np.diag(covariance), 1.0)),))
-    covariance += np.diag(_later(axes, here, margin) ** 2)
+    covariance += np.diag(_between_samples(axes) ** 2)
     known = np.any(slopes[:, count:] != 0.0, axis=0)
     sd = np.where(known, np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), fit.sd / axes.size)
     return axes.fit(here, covariance, sd)
 
 
-def _later(axes: _Axes, here: _Point, margin: float) -> Array:
-    """(p,) standard deviation of an actuator delay by what is not known of the commands between samples; 0 for others.
+def _between_samples(axes: _Axes) -> Array:
+    """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
 
-    The motion shows the sum of both delays alone. The other one is known if the log contains every command: then lines
-    with the same mean delay leave more than steps, by `margin` for each value.
+    The motion shows the sum of the delay of commands and that of the drive alone, and of a single encoder's stamps.
+    Whether a log contains every command is not known: one of many commands, held until the next, acts late by up to
+    half a period on average.
     """
-    delays = np.array([place.name == "actuator_delay" for place in axes.locations for _ in place.parameters])
-    log = axes.problem.views[0].segments.log
-    period = period_of(log)
-    sd = STEPS_SD if log.lined is None else LATE_SD
-    if log.lined is None and delays.any():
-        lines = replace(axes, problem=axes.problem.under(partial(lined, late=0.5 * period)))
-        if lines.best([here.at]).loss > here.loss + margin * len(here.residual):
-            return np.zeros(len(delays))
-    return np.where(delays, sd * period / axes.size, 0.0)
+    segments = axes.problem.views[0].segments
+    late = {"actuator_delay"} if len(segments.axes) > 1 else {"actuator_delay", "channel_skew"}
+    sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
+    return np.where([place.name in late for place in axes.locations for _ in place.parameters], sd / axes.size, 0.0)

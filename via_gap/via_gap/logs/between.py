@@ -18,13 +18,10 @@ from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog
 
 RATE = 1000.0  # [Hz] of the steps that approximate a line in a free simulation
-# Periods of the log by which lines act late, half the controller's period: before the motion is looked at, any number
-# from 0 to a half. Mean and standard deviation.
-LATE, LATE_SD = 0.25, 0.5 / sqrt(12.0)
-STEPS_SD = (
-    0.5 / 1.96
-)  # the same where steps are assumed: half a period, by which lines may be ahead, is in the interval
-LATE_STEP = 0.05  # of a period: finite-difference step of this delay
+# Standard deviations of the mean delay of commands, in periods of the log, where the motion does not show it. Lines act
+# late by half the period of the controller, any number from 0 to a half. Steps that stand for many commands act late by
+# half a period at most: that is the end of a 95 % interval.
+LATE_SD, STEPS_SD = 0.5 / sqrt(12.0), 0.5 / 1.96
 
 
 def in_lines(log: JointLog, late: float) -> JointLog:

@@ -81,7 +81,7 @@ class Decision:
         """The same decision with the chosen model fitted to convergence."""
         if not self.named:
             return self
-        fit = converged(experiment.fitted, self.chosen.fit, scales, NUMBERS.margin)
+        fit = converged(experiment.fitted, self.chosen.fit, scales)
         if experiment.folds is not None:
             (chosen,) = experiment.folds.evaluate([fit], scales)
         else:
