@@ -21,7 +21,7 @@ COMMANDS = {
     ),
     "reliability": Entry(
         "via_validation.commands.reliability:reliability",
-        "Inject faults into the live graph and check what each node does (a quarter of an hour).",
+        "Inject faults into the live graph and check what each node does (five minutes).",
     ),
     "fuzz": Entry(
         "via_validation.commands.fuzz:fuzz",

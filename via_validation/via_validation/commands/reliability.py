@@ -20,7 +20,7 @@ def reliability(
     quick: Annotated[bool, typer.Option(help="Only faults that take a few seconds.")] = False,
     write: Annotated[Path | None, typer.Option(help=f"Also write {PAGE} into this folder, after every fault.")] = None,
 ) -> None:
-    """Inject faults into the live graph and check what each node does.
+    """Inject faults into the live graph and check what each node does (five minutes).
 
     The exit code is 1 if a requirement is missed. After an interrupt the page has what was found.
     """
