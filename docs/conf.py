@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from via_sim.effects.catalogue import EFFECTS  # noqa: F401  the workspace must be sourced: the reference imports VIA
+from via_sim.catalogue import EFFECTS  # noqa: F401  the workspace must be sourced: the reference imports VIA
 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 

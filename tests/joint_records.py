@@ -3,7 +3,7 @@
 import numpy as np
 from via_core.errors import SignalError
 from via_gap.residual.record import Record
-from via_sim.joint.torques import M1, N_COMMANDS
+from via_sim.joint.layout import M1, N_COMMANDS
 from via_sim.simulate import command_rows
 
 BESIDE = {"damping", "external_torque", "neighbour", "arm_torque"}

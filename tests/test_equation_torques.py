@@ -11,8 +11,8 @@ from via_core.signals import Signals
 from via_core.weak_form import window_weights
 from via_gap.residual.equation_torques import equation_torques
 from via_gap.residual.record import Record
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
-from via_sim.effects.catalogue import EFFECTS
 from via_sim.joint.parameters import ABSENT, P
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate

@@ -10,7 +10,7 @@ setup(
     maintainer="VIA maintainers",
     maintainer_email="maintainers@via.example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
-    package_data={package: ["**/*.yaml", "**/*.html", "**/*.csv", "**/*.txt", "**/*.md", "**/*.cpp"]},
+    package_data={package: ["**/*.yaml", "**/*.html", "**/*.csv", "**/*.txt", "**/*.md", "**/*.cpp", "**/*.c"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

@@ -39,15 +39,29 @@ def _between_levers(c: Array, phi: float, preset: float) -> tuple[float, float, 
     return sqrt(tip_x * tip_x + tip_y * tip_y + a * a - 2.0 * a * along), across, along
 
 
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+def odd_polynomial(c: Array, phi: float) -> float:
+    """sum_p c_p phi^(2p+1) [N m] with coefficients c (n,)."""
+    square, total = phi * phi, 0.0
+    for p in range(c.size - 1, -1, -1):
+        total = total * square + c[p]
+    return total * phi
+
+
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+def polynomial_slope(c: Array, phi: float) -> float:
+    """Derivative [N m/rad] of `odd_polynomial`."""
+    square, total = phi * phi, 0.0
+    for p in range(c.size - 1, -1, -1):
+        total = total * square + (2 * p + 1) * c[p]
+    return total
+
+
 @njit(cache=True, error_model="numpy")
 def spring_torque(kind: int, c: Array, phi: float, preset: float) -> float:
     """tau_e(phi) [N m] of spring law `kind` with coefficients c (8,)."""
     if kind == ODD_POLYNOMIAL:  # sum_p c_p phi^(2p+1)
-        square = phi * phi
-        total = 0.0
-        for p in range(N_COEFFICIENTS - 1, -1, -1):
-            total = total * square + c[p]
-        return total * phi
+        return odd_polynomial(c, phi)
     if kind == SINH:  # k sinh(a phi)
         return c[0] * sinh(c[1] * phi)
     if kind == FOUR_BAR:  # 2 k beta dbeta/dphi, eqs. (50)-(51)
@@ -72,11 +86,7 @@ def spring_torque(kind: int, c: Array, phi: float, preset: float) -> float:
 def spring_stiffness(kind: int, c: Array, phi: float, preset: float) -> float:
     """sigma(phi) [N m/rad] of spring law `kind` with coefficients c (8,)."""
     if kind == ODD_POLYNOMIAL:
-        square = phi * phi
-        total = 0.0
-        for p in range(N_COEFFICIENTS - 1, -1, -1):
-            total = total * square + (2 * p + 1) * c[p]
-        return total
+        return polynomial_slope(c, phi)
     if kind == SINH:
         return c[0] * c[1] * cosh(c[1] * phi)
     if kind == FOUR_BAR:

@@ -9,8 +9,8 @@ from via_core.device_parts import Exponential, FourBar, Sinh
 from via_export import export
 from via_export.springs import preload, spring_terms
 from via_export.target import Target
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
-from via_sim.effects.catalogue import EFFECTS
 
 SECONDS = 1.0
 EXACT, SLOT = 1e-4, 2e-3  # of the standard deviation of the motion
@@ -67,6 +67,8 @@ NOT_HELD = (
     (PENDULUM, e("external_torque", "environment", torque=1.0, start=0.2, stop=0.8)),
     (PENDULUM, e("encoder_eccentricity", "sensor", amplitude=0.05, phase=0.3)),
     (CUBIC, e("stiffness_drift", "transmission", 1, rate=-0.8)),
+    (PENDULUM, e("torque_deadband", "motor", 1, threshold=1.0)),
+    (CUBIC, e("gear_error", "transmission", 1, amplitude=0.1, order=3.0, phase=0.4)),
     (SERVO, e("load_dependent_friction", "link", coefficient=0.3)),
 )
 CASES = [pytest.param(*each, id=f"{each[1].name}-{each[0]}") for each in PLANTED]

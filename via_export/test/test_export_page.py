@@ -9,7 +9,8 @@ from via_core.devices import Device
 from via_export.slots import FORMATS, TITLES, Row
 from via_export.slots_device import DEVICE_ROWS
 from via_export.slots_effects import EFFECT_ROWS
-from via_sim.effects.catalogue import DEVICE_NUMBERS, EFFECTS
+from via_sim.catalogue import EFFECTS
+from via_sim.effects.device_numbers import DEVICE_NUMBERS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "export.md"
 HEAD = """# Export to other simulators

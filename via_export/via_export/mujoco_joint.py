@@ -17,8 +17,8 @@ import numpy as np
 from via_core.device_parts import Maccepa
 from via_core.errors import ParameterError
 from via_core.signals import Array
+from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, M1, POWER, X
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
-from via_sim.joint.torques import ARM, DAMPING, EXTERNAL, GOAL, M1, POWER, X
 
 from via_export.mjcf import ROUND
 from via_export.target import Target

@@ -165,6 +165,12 @@ EFFECT_ROWS = (
         urdf=RIGID_SPRING, sdf="= spring_reference", isaaclab=RIGID_SPRING, bam=RIGID_SPRING, ros2_control=NO_PHYSICS,
     ),
     row(
+        "gear_error",
+        mjcf="- the gear turns evenly: no torque that is periodic in the motor angle and grows with the load",
+        urdf=RIGID_SPRING, sdf="- the gear turns evenly", isaaclab=RIGID_SPRING, bam=RIGID_SPRING,
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
         "joint_coupling",
         mjcf="- needs the neighbour: add its torque with qfrc_applied, or an actuator per joint",
         urdf="- no torque between joints", sdf="- no torque between joints",
@@ -214,6 +220,13 @@ EFFECT_ROWS = (
         mjcf="= actuator ctrlrange; of a position drive forcerange",
         urdf="= limit/effort", sdf="= limit/effort; of a position drive cmd_max", isaaclab="= effort_limit",
         bam="= kt/R, with --supply", ros2_control="= command_interface min, max; joint_limits max_effort",
+    ),
+    row(
+        "torque_deadband",
+        mjcf="- small commands act; apply it to the command", urdf="- small commands act; apply it to the command",
+        sdf="- small commands act; apply it to the command",
+        isaaclab="- small commands act; a custom actuator class can add it",
+        bam="- small commands act; apply it to the command", ros2_control=NO_PHYSICS,
     ),
     row(
         "actuator_lag", "with a speed limit", _with_lag,

@@ -12,8 +12,9 @@ from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array
 from via_core.springs import MACCEPA, TWO_LEVER
+from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.effects import Effect
-from via_sim.joint.parameters import LINK, MOTOR_1, RIPPLE_HARMONICS, SERVO, P
+from via_sim.joint.parameters import LINK, MOTOR_1, SERVO, P
 from via_sim.plants import GRAVITY, JointPlant, substeps_for
 
 AXES = ("link", "motor 1", "motor 2")

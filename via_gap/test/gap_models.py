@@ -15,7 +15,7 @@ from via_gap.candidates.scales import Scales, scales_of
 from via_gap.residual.inverse_dynamics import missing_torque
 from via_gap.residual.segments import cut_log
 from via_gap.selection.evidence import Evaluation
-from via_sim.effects.catalogue import EFFECTS
+from via_sim.catalogue import EFFECTS
 
 NOTHING = np.empty(0)
 COULOMB = Location("coulomb_friction", "motor", 1)

@@ -15,11 +15,12 @@ from via_gap.candidates.fit import Fit, converged, fit_device_numbers, member_sl
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs
-from via_gap.candidates.starts import Start, amount_range
+from via_gap.candidates.starts import amount_range
 from via_gap.report.causes import cause_of
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
+from via_sim.catalogue.starts import Start
 from via_sim.effects import Effect
 
 MAXWELL = Effect("hysteresis", "transmission", {"torque": 0.03, "stiffness": 0.6}, 1)

@@ -11,7 +11,7 @@ from via_gap.logs.log import JointLog
 from via_gap.residual.command_gaps import GROUPS, pulses
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Segments, cut_log
-from via_sim.joint.torques import EXTERNAL
+from via_sim.joint.layout import EXTERNAL
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate

@@ -25,8 +25,8 @@ from via_gap.residual.inverse_dynamics import MissingTorque
 from via_gap.selection.reliability import reliability
 from via_gap.selection.verdict import Decision
 from via_gap.sensors.sensor_errors import SensorError
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
-from via_sim.effects.catalogue import EFFECTS
 from via_sim.effects.files import parse_effects
 
 PLACES = (

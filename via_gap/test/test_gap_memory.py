@@ -11,8 +11,8 @@ from via_gap.residual.memory import goals_along, torques_along, with_memory
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
+from via_sim.joint.layout import X
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import X
 from via_sim.plants import JointPlant
 from via_sim.simulate import Simulator, command_rows
 

@@ -13,7 +13,7 @@ from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.selection.comparison import _supported
 from via_gap.selection.plausibility import absurd, doubt
-from via_sim.effects.catalogue import EFFECTS
+from via_sim.catalogue import EFFECTS
 
 NOTHING = np.empty(0)
 COULOMB = Location("coulomb_friction", "motor", 1)

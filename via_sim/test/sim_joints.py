@@ -74,8 +74,12 @@ ENCODER_ERRORS = {
     "amplitude_4": 0.005,
     "order_4": 36.0,
 }
+GEAR_ERRORS = {"amplitude_2": 0.01, "order_2": 7.5, "phase_2": 1.0, "amplitude_4": 0.005, "order_4": 21.0}
 # Beside what an effect must have.
-MORE = {"torque_ripple": RIPPLES, "encoder_eccentricity": ENCODER_ERRORS, "load_dependent_friction": BOTH_SIDES}
+MORE = {
+    "gear_error": GEAR_ERRORS, "torque_ripple": RIPPLES, "encoder_eccentricity": ENCODER_ERRORS,
+    "load_dependent_friction": BOTH_SIDES,
+}  # fmt: skip
 
 # A moderate amount of every effect, for joints that move with about 1 rad, 5 rad/s and 1 N m.
 SIZES = {
@@ -93,11 +97,13 @@ SIZES = {
     "spring_law": {"scale": 0.9, "hardening": 3.0},
     "stiffness_drift": {"rate": 0.1},
     "preset_error": {"offset": 0.05},
+    "gear_error": {"amplitude": 0.03, "order": 3.0, "phase": 0.4},
     "joint_coupling": {"stiffness": 0.3},
     "torque_gain": {"gain": 0.8},
     "torque_bias": {"torque": 0.1},
     "torque_ripple": {"amplitude": 0.1, "order": 7.0, "phase": 0.5},
     "torque_saturation": {"limit": 0.8},
+    "torque_deadband": {"threshold": 0.25},
     "actuator_lag": {"time_constant": 0.02},
     "actuator_delay": {"delay": 0.0043},
     "speed_limit": {"limit": 2.5},

@@ -3,8 +3,8 @@
 import numpy as np
 from sim_joints import MORE, SIZES, positioned
 from via_core.signals import Signals
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
-from via_sim.effects.catalogue import EFFECTS
 
 RATE = 1000.0
 M, KP, KD = 0.02, 4.0, 0.1

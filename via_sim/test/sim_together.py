@@ -1,7 +1,7 @@
 """Runs of several plants in lockstep, as the tests compare them with single runs."""
 
 import numpy as np
-from via_sim.joint.torques import N_COMMANDS
+from via_sim.joint.layout import N_COMMANDS
 from via_sim.lockstep.run import run_many
 from via_sim.simulate import initial_state
 

@@ -9,12 +9,12 @@ from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_core.springs import N_COEFFICIENTS
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
-from via_sim.effects.catalogue import EFFECTS
 from via_sim.effects.files import effects_text, load_effects, parse_effects, save_effects
+from via_sim.joint.layout import X
 from via_sim.joint.measurements import TRUTH
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import X
 from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, Simulator, simulate
 
@@ -245,7 +245,7 @@ def test_effect_at_both_motors_equals_one_at_each(joint):
             assert np.array_equal(nominal.with_effects([both]).parameters, nominal.with_effects(each).parameters)
             assert parse_effects(effects_text([both]), "x") == (both,)
             found += 1
-    assert found == {"antagonistic": 12 + 7, "serial": 1, "rigid": 0}[joint.arrangement]
+    assert found == {"antagonistic": 13 + 8, "serial": 1, "rigid": 0}[joint.arrangement]
 
 
 def test_effects_at_both_motors_and_at_one_add_up_or_conflict():

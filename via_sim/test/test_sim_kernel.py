@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from sim_joints import antagonistic, device, flexible, rigid, servo_flexible
+from sim_joints import SIZES, antagonistic, device, flexible, positioned, rigid, serial_servo, servo_flexible
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
-from via_sim.joint.kernel import run
+from via_sim.catalogue import EFFECTS
+from via_sim.effects import Effect, places
+from via_sim.joint.kernel import run, run_in
+from via_sim.joint.layout import FULL, N_COMMANDS, N_MODES
 from via_sim.joint.measurements import TRUTH
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import N_COMMANDS
+from via_sim.joint.torques import is_smooth
 from via_sim.plants import JointPlant, substeps_for
 from via_sim.sensors import IDEAL
 from via_sim.simulate import InitialConditions, initial_state, simulate
@@ -249,3 +252,24 @@ def test_spring_laws_continue_along_their_tangent_beyond_the_stop(name):
         torque = float(spring.torque(stop)) + slope * beyond
         assert truth[0, TRUTH.transmission_torque_1] == pytest.approx(torque, rel=1e-12)
         assert truth[0, TRUTH.stiffness_1] == pytest.approx(slope, rel=1e-12)
+
+
+@pytest.mark.parametrize("joint", [flexible(), antagonistic(), rigid(), serial_servo(), positioned()])
+def test_the_short_kernel_gives_the_bits_of_the_full_one(joint):
+    """`run` takes the kernel without rare terms for joints that lack them."""
+    nominal, sent = JointPlant.from_device(joint), np.zeros((60, N_COMMANDS))
+    sent[:, :4] = 0.3 * np.sin(0.2 * np.arange(60)[:, None] + np.arange(4))
+    plants = [nominal]
+    for name in EFFECTS:
+        plants += [nominal.with_effects([Effect(name, site, SIZES[name], i)]) for site, i in places(name, joint)]
+    short = 0
+    for plant in plants:
+        row = plant.at_rate(1000.0)
+        short += is_smooth(row, np.zeros(N_MODES, np.int64))
+        states = [initial_state(plant, 1000.0, (0.1, 0.0, 0.0, 0.5, 0.2, -0.2), 1) for _ in range(2)]
+        rows = [(np.empty((61, 9)), np.empty((61, 16))) for _ in range(2)]
+        run(row, IDEAL.row(), states[0], sent, *rows[0])
+        run_in(row, IDEAL.row(), states[1], sent, *rows[1], FULL)
+        for mine, full in zip((states[0], *rows[0]), (states[1], *rows[1]), strict=True):
+            assert np.array_equal(mine, full, equal_nan=True), plant.effects
+    assert (short > 0) == (joint.drive == "torque")

@@ -18,12 +18,14 @@ from sim_joints import (
 from sim_together import simulate_rows
 from via_core.devices import load_device
 from via_core.signals import Array
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
-from via_sim.effects.catalogue import EFFECTS
 from via_sim.joint.encoders import true_motion
-from via_sim.joint.kernel import N_WEIGHTS, advance_tick, begin, run
+from via_sim.joint.kernel import advance_tick, begin, run
+from via_sim.joint.layout import N_COMMANDS, N_INPUTS, N_MODES, X
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import N_COMMANDS, N_INPUTS, N_MODES, X, find_modes, spring_coefficients
+from via_sim.joint.step import N_WEIGHTS
+from via_sim.joint.torques import find_modes, spring_coefficients
 from via_sim.lockstep.block import decay, sine
 from via_sim.lockstep.run import LANES, lead_many, run_many
 from via_sim.plants import JointPlant

@@ -11,9 +11,9 @@ from via_core.signals import Signals
 from via_sim.effects import Effect
 from via_sim.effects.device_numbers import numbers_of
 from via_sim.joint.kernel import run
+from via_sim.joint.layout import GOAL, POWER, X
 from via_sim.joint.measurements import MEASURED, TRUTH
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import GOAL, POWER, X
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
 from via_sim.simulate import InitialConditions, Simulator, command_rows, initial_state, simulate

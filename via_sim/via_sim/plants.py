@@ -15,9 +15,12 @@ from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER, SpringLaw
 
+from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
+from via_sim.catalogue.transmission.gear_error import GEAR_HARMONICS
 from via_sim.effects import Effect, write_effects
 from via_sim.joint.friction import viscous_rate
 from via_sim.joint.kernel import derivative
+from via_sim.joint.layout import DAMPING, GOAL, N_INPUTS, POWER, U, X
 from via_sim.joint.parameters import (
     AT_LINK,
     AT_TRANSMISSION,
@@ -27,13 +30,12 @@ from via_sim.joint.parameters import (
     N_PARAMETERS,
     NO_DRIVE,
     POSITION_DRIVE,
-    RIPPLE_HARMONICS,
     SERVO,
     TORQUE_DRIVE,
     P,
     neutral_row,
 )
-from via_sim.joint.torques import DAMPING, GOAL, N_INPUTS, POWER, U, X, spring_factor
+from via_sim.joint.torques import spring_factor
 
 GRAVITY = 9.80665  # [m/s^2]
 MAX_SUBSTEPS = 4096  # largest number per tick
@@ -208,6 +210,7 @@ def _stiffest(row: Array, device: Device) -> Array:
     for i, spring_law in enumerate(device.spring_laws):
         harder = 1.0 + 3.0 * max(row[P.spring_hardening + i], 0.0) * spring_law.max_deflection**2
         sigma = row[P.spring_scale + i] * harder * _steepest(spring_law)
+        sigma *= _gear_ratio(row, 1 + i) ** 2
         if row[P.hysteresis_torque + i] > 0.0:
             sigma += row[P.hysteresis_stiffness + i]
         stiffness[0] += sigma
@@ -220,6 +223,12 @@ def _stiffest(row: Array, device: Device) -> Array:
         for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
             stiffness[axis] += abs(row[P.ripple_amplitude + k] * row[P.ripple_order + k])
     return stiffness
+
+
+def _gear_ratio(row: Array, axis: int) -> float:
+    """Largest derivative of the angle at the input of a transmission by that of its motor."""
+    harmonics = slice(axis, 3 * GEAR_HARMONICS, 3)
+    return 1.0 + float(np.sum(np.abs(row[P.gear_amplitude :][harmonics] * row[P.gear_order :][harmonics])))
 
 
 @lru_cache(maxsize=256)

@@ -19,11 +19,11 @@ from via_core.errors import ParameterError
 from via_core.limits import LIMITS
 from via_core.signals import Array, Signals
 
-from via_sim.effects.catalogue import MAX_DELAY
+from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.kernel import run
+from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, POWER, QUEUED, X
 from via_sim.joint.measurements import MEASURED, TRUTH
 from via_sim.joint.parameters import ABSENT, SERVO, P
-from via_sim.joint.torques import ARM, DAMPING, EXTERNAL, GOAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, POWER, QUEUED, X
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
 

@@ -24,11 +24,11 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
     """
     limited = [(p, p.unit in SCALED and p.neutral == 0.0) for p in location.parameters]
     reach = np.array([WIDEST * size_of(p, location, scales) if has_limit else np.inf for p, has_limit in limited])
-    if location.plainest == "coulomb_friction":
+    if location.kind.dry:
         is_torque = np.array([p.unit == "N m" for p in location.parameters])
         reach = np.where(is_torque, np.minimum(reach, WIDEST * scales.missing[location.axis]), reach)
     low, high = np.array([(p.low, p.high) for p in location.parameters]).T
-    if location.name == "torque_ripple":
+    if location.kind.whole_period:
         whole = 2.0 * np.pi / max(float(scales.travel[location.axis]), 1e-9)
         is_order = np.array([p.unit == "1/rev" for p in location.parameters])
         low = np.where(is_order, np.minimum(np.maximum(low, whole), high), low)

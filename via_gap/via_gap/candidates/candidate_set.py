@@ -16,8 +16,6 @@ from via_gap.residual.inverse_dynamics import InverseDynamics, MissingTorque, mi
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices, Segments
 
-ONE_RUN = ("external_torque",)  # acts at one time of one run, so it cannot be the common cause in several logs
-
 
 @dataclass(frozen=True, eq=False)
 class CandidateSet:
@@ -50,8 +48,7 @@ class CandidateSet:
             [segments[i] for i in seen], [missing[i] for i in seen], np.concatenate(begins),
             fitted.per_segment(base.residual),
         )  # fmt: skip
-        excluded = ONE_RUN if len(segments) > 1 else ()
         found = locations(fitted.device, segments[0].log)
-        kept = tuple(location for location in found if location.name not in excluded)
+        kept = tuple(location for location in found if len(segments) == 1 or not location.kind.one_run)
         equations = ResidualModel.of(segments, train, InverseDynamics.of) if all(missing) else None
         return CandidateSet(kept, scales, numbers, missing, shares, equations)

@@ -6,21 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from via_core.devices import Device
+from via_sim.catalogue import EFFECTS
+from via_sim.catalogue.kinds import EffectKind, EffectParameter
 from via_sim.effects import Effect, place_name, spots
 from via_sim.effects import places as places_of
-from via_sim.effects.catalogue import EFFECTS
-from via_sim.effects.kinds import EffectParameter
 
 from via_gap.logs.log import JointLog
 
 # Found in the measurements, see sensor_errors.py, because they do not change the motion.
-MEASUREMENT_ONLY = ("encoder_quantisation",)
-PLAINER = {  # effects that contain a simpler one: its name, and the parameters whose mean is its initial value
-    "asymmetric_coulomb": ("coulomb_friction", (0, 1)),
-    "stribeck_friction": ("coulomb_friction", (1,)),
-    "presliding_friction": ("coulomb_friction", (0,)),
-    "asymmetric_viscous": ("viscous_friction", (0, 1)),
-}
+MEASUREMENT_ONLY = tuple(kind.name for kind in EFFECTS.values() if kind.measured)
 
 
 @dataclass(frozen=True)
@@ -42,10 +36,13 @@ class Location:
         return Location(effect.name, effect.site, effect.motor, optional)
 
     @property
+    def kind(self) -> EffectKind:
+        return EFFECTS[self.name]
+
+    @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         """The parameters of the effect here, in their order."""
-        kind = EFFECTS[self.name]
-        return (*kind.parameters, *(p for p in kind.optional if p.name in self.optional))
+        return (*self.kind.parameters, *(p for p in self.kind.optional if p.name in self.optional))
 
     def effect(self, values: Mapping[str, float]) -> Effect:
         return Effect(self.name, self.site, dict(values), self.motor)
@@ -67,7 +64,7 @@ class Location:
     @property
     def plainest(self) -> str:
         """Name of the simplest effect that this one contains: a Stribeck friction contains a Coulomb friction."""
-        return PLAINER.get(self.name, (self.name,))[0]
+        return self.kind.contains[0] if self.kind.contains else self.name
 
     def __str__(self) -> str:
         return f"{self.name} at {place_name(self.site, self.motor)}"
@@ -76,12 +73,11 @@ class Location:
 def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
     """All locations of all effects that this device can have and that change the simulation of this log."""
     seen = (0, *(1 + i for i, each in enumerate(log.motors_seen) if each))
-    neighbour = log.commands is not None and "neighbour" in log.commands
     # Of a rigid joint with a torque drive, sensors/stamps.py separates a late angle from a late command.
     alone = len(seen) == 1 and (device.n_motors > 0 or device.drive == "position")
     found = []
     for kind in EFFECTS.values():
-        if kind.name in MEASUREMENT_ONLY or (kind.name == "joint_coupling" and not neighbour):
+        if kind.measured or not _has_channel(kind, log):
             continue
         for site, motor in places_of(kind, device):
             if site == "sensor" and kind.of_drive:
@@ -94,6 +90,11 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
     return tuple(found)
 
 
+def _has_channel(kind: EffectKind, log: JointLog) -> bool:
+    """Whether a log has the command channel that an effect needs."""
+    return not kind.channel or (log.commands is not None and kind.channel in log.commands)
+
+
 def missing_effects(device: Device, log: JointLog) -> tuple[str, ...]:
     """Why effects of the catalogue cannot be found in this log, one sentence per reason."""
     offered = {location.name for location in locations(device, log)} | set(MEASUREMENT_ONLY)
@@ -101,8 +102,11 @@ def missing_effects(device: Device, log: JointLog) -> tuple[str, ...]:
     absent = [kind for kind in possible if kind.name not in offered]
     nowhere = [kind.name for kind in absent if not places_of(kind, device)]
     reasons = []
-    if any(kind.name == "joint_coupling" and kind.name not in nowhere for kind in absent):
-        reasons.append("the angle of the neighbour joint was not recorded: joint_coupling cannot be evaluated")
+    reasons += [
+        f"the channel `{kind.channel}` was not recorded: {kind.name} cannot be evaluated"
+        for kind in absent
+        if not _has_channel(kind, log) and kind.name not in nowhere
+    ]
     if nowhere:
         reasons.append(f"'{device.name}' cannot have {', '.join(nowhere)}")
     return tuple(reasons)

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from via_sim.effects.catalogue import EFFECTS
-from via_sim.joint.parameters import ENCODER_HARMONICS, RIPPLE_HARMONICS
+from via_sim.catalogue import EFFECTS
+from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
+from via_sim.catalogue.sensor.encoder_eccentricity import ENCODER_HARMONICS
 
 from via_gap.candidates.fit import FINISHING, Fit, members_of, refine
 from via_gap.candidates.orders import Wave, encoder_waves, torque_waves

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
-from via_sim.joint.torques import EXTERNAL, GOAL, POWER
+from via_sim.joint.layout import EXTERNAL, GOAL, POWER
 
 from via_gap.residual.inverse_dynamics import MissingTorque
 from via_gap.residual.segments import Segments

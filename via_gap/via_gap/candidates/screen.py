@@ -12,11 +12,12 @@ from itertools import combinations
 
 import numpy as np
 from via_core.signals import Array
+from via_sim.catalogue.starts import Start
 
 from via_gap.candidates.fit import Fit, Members, effect_or_none
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
-from via_gap.candidates.starts import Start, amount_range, combined, starts
+from via_gap.candidates.starts import amount_range, combined, starts
 from via_gap.residual.nuisance import BOUND, descend
 from via_gap.residual.residual_model import ResidualModel
 

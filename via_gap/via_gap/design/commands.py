@@ -10,7 +10,7 @@ from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
-from via_sim.joint.torques import EXTERNAL, M1
+from via_sim.joint.layout import EXTERNAL, M1
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, Simulator, simulate

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.errors import ParameterError
 from via_core.signals import Array
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
-from via_sim.effects.catalogue import EFFECTS
 
 from via_gap.candidates.fit import effect_or_none
 from via_gap.candidates.location import Location

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from via_sim.effects.catalogue import EFFECTS
+from via_sim.catalogue import EFFECTS
 
 from via_gap.logs.findings import Finding
 from via_gap.rendering.names import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from via_sim.effects.catalogue import EFFECTS
+from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.location import MEASUREMENT_ONLY
 from via_gap.report.figures import Member

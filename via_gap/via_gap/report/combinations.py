@@ -11,9 +11,6 @@ parameter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from via_core.signals import Array
 from via_sim.effects import Effect
@@ -23,32 +20,6 @@ from via_gap.report.report import Combination
 SMALLEST = 1e-300  # divisor
 
 
-@dataclass(frozen=True)
-class _Form:
-    """A function of the parameters `names`, with its gradient."""
-
-    expression: str
-    unit: str
-    names: tuple[str, ...]
-    value: Callable[..., float]
-    gradient: Callable[..., Sequence[float]]
-
-
-_SLIP = (
-    _Form("torque / stiffness", "rad", ("torque", "stiffness"), lambda t, k: t / k, lambda t, k: (1.0 / k, -t / k**2)),
-)
-_FORMS: Mapping[str, tuple[_Form, ...]] = {
-    "payload": (
-        _Form("mass * distance", "kg m", ("mass", "distance"), lambda m, d: m * d, lambda m, d: (d, m)),
-        _Form(
-            "mass * distance^2", "kg m^2", ("mass", "distance"), lambda m, d: m * d**2, lambda m, d: (d**2, 2.0 * m * d)
-        ),
-    ),
-    "presliding_friction": _SLIP,
-    "hysteresis": _SLIP,
-}
-
-
 def combinations(effect: Effect, covariance: Array) -> tuple[Combination, ...]:
     """The combinations of an effect, if one is known better than its parameters.
 
@@ -56,7 +27,7 @@ def combinations(effect: Effect, covariance: Array) -> tuple[Combination, ...]:
     """
     names = list(effect.parameters)
     found, better = [], False
-    for form in _FORMS.get(effect.name, ()):
+    for form in effect.kind.forms:
         which = [names.index(name) for name in form.names]
         values = [effect.parameters[name] for name in form.names]
         gradient = np.asarray(form.gradient(*values))

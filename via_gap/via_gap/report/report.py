@@ -16,7 +16,7 @@ from typing import Literal
 from pydantic import ValidationError, model_validator
 from via_core.errors import ParameterError
 from via_sim.effects import Effect
-from via_sim.effects.catalogue import DEVICE_NUMBERS
+from via_sim.effects.device_numbers import DEVICE_NUMBERS
 from via_sim.effects.files import save_effects
 
 from via_gap.candidates.localisation import Region

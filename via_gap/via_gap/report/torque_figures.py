@@ -9,7 +9,7 @@ from math import log, pi, sqrt
 import numpy as np
 from via_core.errors import SignalError
 from via_core.signals import Array
-from via_sim.effects.catalogue import EFFECTS
+from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location

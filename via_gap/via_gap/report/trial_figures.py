@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from via_sim.effects.catalogue import EFFECTS
+from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.location import MEASUREMENT_ONLY, Location
 from via_gap.report.binning import six

@@ -32,21 +32,11 @@ from via_sim.joint.actuation import couple, servo_bandwidth
 from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.encoders import read_motion, true_motion
 from via_sim.joint.friction import breakaway, dry_friction, has_friction, viscous_friction
+from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, FULL, GOAL, MODE, N_INPUTS, N_MODES, NEIGHBOUR, POWER, U, X
 from via_sim.joint.measurements import hermite
 from via_sim.joint.parameters import ABSENT, DYNAMIC, N_PARAMETERS, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import followed, mean_followed
 from via_sim.joint.torques import (
-    ARM,
-    DAMPING,
-    EXTERNAL,
-    GOAL,
-    MODE,
-    N_INPUTS,
-    N_MODES,
-    NEIGHBOUR,
-    POWER,
-    U,
-    X,
     compiled,
     counter_torque,
     deflection,
@@ -267,7 +257,7 @@ def _store_torques(
         half = 0.5 * p[P.backlash + i]
         modes[MODE.flank + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
     modes[MODE.touch] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
-    torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
+    torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5], FULL)
     for axis in range(3):
         kind, load = p[P.axis_kind + axis], torques[3 + axis]
         friction = capacity = 0.0

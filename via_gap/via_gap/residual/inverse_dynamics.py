@@ -24,8 +24,8 @@ from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array
 from via_core.weak_form import window_weights
+from via_sim.joint.layout import EXTERNAL, POWER
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import EXTERNAL, POWER
 from via_sim.plants import JointPlant
 
 from via_gap.residual.equation_torques import EquationTorques, equation_torques

@@ -17,9 +17,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from via_core.signals import Array
+from via_sim.joint.layout import GOAL, N_MODES, POWER, X
 from via_sim.joint.parameters import POSITION_DRIVE, P
 from via_sim.joint.position_drive import acting_goal, followed
-from via_sim.joint.torques import GOAL, N_MODES, POWER, X, compiled, remember
+from via_sim.joint.torques import compiled, remember
 
 HELD = 5  # bristles of link, motor 1, motor 2; Maxwell elements of transmission 1, 2
 TORQUES = np.r_[P.bristle_torque : P.bristle_torque + 3, P.hysteresis_torque : P.hysteresis_torque + 2]

@@ -14,13 +14,15 @@ import numpy as np
 from via_core.dampers import N_DAMPER_COEFFICIENTS, damper_value
 from via_core.errors import SignalError
 from via_core.signals import Array, locked
-from via_sim.joint.actuation import saturated
+from via_sim.joint.layout import DAMPING, EXTERNAL, GOAL, N_COMMANDS, NEIGHBOUR, POWER
 from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
-from via_sim.joint.torques import DAMPING, EXTERNAL, GOAL, N_COMMANDS, NEIGHBOUR, POWER, bare, compiled
+from via_sim.joint.terms import saturated, terms_at
+from via_sim.joint.torques import bare, compiled
 
 _CACHED = 2  # means: a fit alternates between its parameters and a variation of one of them
+_COMMAND_SLOTS = [getattr(P, slot) + axis for term in terms_at("command") for slot in term.slots for axis in range(3)]
 _SLOTS = np.r_[  # of a row: all that means of commands depend on
-    P.axis_kind : P.axis_kind + 3, P.torque_limit : P.torque_limit + 2, P.saturation : P.saturation + 3, P.link_drive,
+    P.axis_kind : P.axis_kind + 3, P.torque_limit : P.torque_limit + 2, P.link_drive, _COMMAND_SLOTS,
     P.delay, P.damper_site, P.damper_kind, P.damper : P.damper + N_DAMPER_COEFFICIENTS,
     P.sensed_gain : P.sensed_gain + 3, P.sensed_bias : P.sensed_bias + 3,
 ]  # fmt: skip

@@ -21,11 +21,11 @@ from math import ceil
 
 import numpy as np
 from via_core.signals import Array
-from via_sim.effects.catalogue import MAX_DELAY
+from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.encoders import true_motions
+from via_sim.joint.layout import HISTORY, QUEUED, X
 from via_sim.joint.measurements import stride
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
-from via_sim.joint.torques import HISTORY, QUEUED, X
 from via_sim.lockstep.run import LANES, run_many
 
 from via_gap.residual.command_gaps import pulses

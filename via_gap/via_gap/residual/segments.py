@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 from via_core.errors import SignalError
 from via_core.signals import Array
-from via_sim.joint.torques import EXTERNAL, N_COMMANDS
+from via_sim.joint.layout import EXTERNAL, N_COMMANDS
 from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from via_core.signals import Array, Signals
+from via_sim.joint.layout import EXTERNAL, M1
 from via_sim.joint.parameters import DYNAMIC, P
-from via_sim.joint.torques import EXTERNAL, M1
 
 from via_gap.candidates.fit import Fit
 from via_gap.residual.residual_model import ResidualModel

@@ -8,7 +8,7 @@ from via_core.signals import Array
 
 from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.fit import Fit
-from via_gap.candidates.location import PLAINER
+from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of, size_parameters
 from via_gap.selection.numbers import NUMBERS
@@ -42,27 +42,27 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
         low, high = bounds_of(location, scales)
         edge = EDGE * np.array([size_of(p, location, scales) for p in parameters])
         at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral))
-        limited = range(len(parameters)) if location.name in PLAINER else which  # at an end it is the simpler effect
+        limited = range(len(parameters)) if location.kind.contains else which  # at an end it is the simpler effect
         for i in limited:
             if at_end[i]:
                 return f"{location}: {parameters[i].name} is at the end of its range"
         if not np.any(values[which] != neutral[which]):
             return f"{location}: is absent"
         if significant:
-            size, slopes = _size(effect.name, values, neutral, which)
+            size, slopes = _size(location, values, neutral, which)
             information = np.linalg.pinv(slopes @ fit.covariance[own, own] @ slopes.T, hermitian=True)
             if float(size @ information @ size) < chi2.ppf(1.0 - NUMBERS.significance, len(size)):
                 return f"{location}: its size is consistent with zero"
     return ""
 
 
-def _size(name: str, values: Array, neutral: Array, which: list[int]) -> tuple[Array, Array]:
+def _size(location: Location, values: Array, neutral: Array, which: list[int]) -> tuple[Array, Array]:
     """Distance of an effect from its absence (k,), and derivatives by its parameters (k, p)."""
-    if name == "payload":  # the product of mass and distance is better determined than each alone
-        mass, distance = values
-        return np.array([mass * distance]), np.array([[distance, mass]])
+    starts = location.kind.starts
+    if starts is not None and starts.product:
+        return np.array([values[0] * values[1]]), np.array([[values[1], values[0]]])
     away = values[which] - neutral[which]
     slopes = np.eye(len(values))[which]
-    if name in ("torque_saturation", "speed_limit"):  # absent if the limit is beyond all torques or speeds
+    if starts is not None and starts.limit:
         away = values[which]
     return away, slopes

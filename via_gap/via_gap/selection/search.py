@@ -20,7 +20,7 @@ import numpy as np
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, Budget, Fit, Members, fit_on, member_slopes, members_of, refine
 from via_gap.candidates.gear_friction import with_gear_terms
-from via_gap.candidates.location import PLAINER, Location
+from via_gap.candidates.location import Location
 from via_gap.candidates.periodic import with_harmonics
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, ranked, ranked_pairs
@@ -197,9 +197,9 @@ class Search:
         found = []
         for best in sorted(fits, key=lambda fit: fit.loss)[:1]:
             for number, (place, values) in enumerate(members_of(best)):
-                if place.name not in PLAINER:
+                if place.kind.contains is None:
                     continue
-                name, which = PLAINER[place.name]
+                name, which = place.kind.contains
                 members = members_of(best)
                 members[number] = (replace(place, name=name), [float(np.mean([values[i] for i in which]))])
                 if frozenset(each for each, _ in members) not in there:

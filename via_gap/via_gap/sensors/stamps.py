@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import savgol_coeffs
 from via_core.signals import Array
-from via_sim.joint.measurements import MAX_SKEW
+from via_sim.catalogue.sensor.channel_skew import MAX_SKEW
 
 from via_gap.candidates.location import Location
 from via_gap.logs.findings import Finding

@@ -23,8 +23,10 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.springs import MACCEPA, TWO_LEVER
 
-from via_sim.effects.catalogue import DEVICE_NUMBERS, EFFECTS, EffectKind
-from via_sim.joint.parameters import LINK, MOTOR_1, MOTOR_2, P
+from via_sim.catalogue import EFFECTS
+from via_sim.catalogue.kinds import EffectKind
+from via_sim.effects.device_numbers import DEVICE_NUMBERS, write_numbers
+from via_sim.joint.parameters import LINK, MOTOR_1, MOTOR_2, P, RowSpot
 
 PAIRED = ("motor", "transmission")  # sites at which motor 0 means both
 _NUMBERED = {"motor": (1, 2, 0), "transmission": (1, 2, 0), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
@@ -91,7 +93,10 @@ class Effect:
 
     def write(self, row: Array) -> None:
         """Write the effect into a row (N_PARAMETERS,) of a joint that it fits, in place."""
-        write_values(row, self.kind, self.site, self.motor, self.parameters)
+        if self.kind is DEVICE_NUMBERS:
+            write_numbers(row, self.parameters)
+        else:
+            write_values(row, self.kind, self.site, self.motor, self.parameters)
 
 
 def _kind(name: str) -> EffectKind | None:
@@ -132,11 +137,13 @@ def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
         if motor > device.n_transmissions:
             return f"'{device.name}' has {device.n_transmissions} transmissions"
         has_preset = device.spring_laws[motor - 1].kind in (MACCEPA, TWO_LEVER)
-        if kind.name == "preset_error" and device.arrangement == "serial" and not has_preset:
+        if kind.of_preset and device.arrangement == "serial" and not has_preset:
             return f"the spring of '{device.name}' does not depend on a preset"
     driven = device.n_motors == 0 and kind.of_drive and site == "motor"  # the drive of a rigid joint is its motor 1
     if motor > (1 if driven else device.n_motors) and site in ("motor", "sensor", "timing"):
         return f"'{device.name}' has {device.n_motors} motors"
+    if kind.of_torque and device.drive == "position":
+        return f"'{device.name}' has a position drive, which is not commanded a torque"
     if kind.of_goal and device.drive != "position":
         return f"'{device.name}' has no position drive, and only those follow a goal"
     if site == "motor" and kind.needs_torque_drive and device.drive == "servo":
@@ -182,4 +189,4 @@ def write_values(row: Array, kind: EffectKind, site: str, motor: int, values: Ma
     elif motor == 0:
         axes = (MOTOR_1, MOTOR_2) if site in PAIRED else (LINK,)
     for axis in axes:
-        kind.write(row, axis, site, values)
+        kind.write_at(RowSpot(row, axis, site), values)

@@ -6,12 +6,15 @@ were fitted together with the effects.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 
+from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL
 
+from via_sim.catalogue.kinds import EffectKind, EffectParameter
 from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, P
 
 AXES = ("link", "motor 1", "motor 2")
@@ -24,6 +27,15 @@ NAMES = (
     "servo kp",
     "servo kd",
     "servo torque limit",
+)
+DEVICE_NUMBERS = EffectKind(
+    name="device_numbers",
+    text="factors on numbers of the device file, fitted with the effects and written before them",
+    term="factor times the number",
+    confused_with="",
+    sites=("device",),
+    parameters=(),
+    optional=tuple(EffectParameter(name, "-", 0.1, 10.0, 1.0, "factor") for name in NAMES),
 )
 
 
@@ -65,3 +77,12 @@ def numbers_of(row: Array) -> tuple[DeviceNumber, ...]:
         if isfinite(row[P.drive_torque_limit]):
             add("servo torque limit", "N m", row[P.drive_torque_limit], P.drive_torque_limit)
     return tuple(found)
+
+
+def write_numbers(row: Array, factors: Mapping[str, float]) -> None:
+    """Multiply numbers of a row in place. Raises ParameterError for a number that the joint lacks."""
+    slots = {number.name: number.slots for number in numbers_of(row)}
+    for name, factor in factors.items():
+        if name not in slots:
+            raise ParameterError(f"'{name}' is not a number of this joint; choose from {', '.join(slots)}")
+        row[list(slots[name])] *= factor

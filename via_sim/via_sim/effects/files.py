@@ -26,8 +26,8 @@ import yaml
 from via_core.errors import ParameterError
 from via_core.text_files import read_text, read_yaml
 
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import PAIRED, Effect
-from via_sim.effects.catalogue import EFFECTS
 
 KEYS = ("effect", "site", "motor", "joint", "parameters", "intervals")
 Intervals = Mapping[str, tuple[float, float]]

@@ -15,17 +15,12 @@ from math import copysign, exp, inf
 from via_core.servos import servo_acceleration, servo_step
 from via_core.signals import Array
 
+from via_sim.joint.layout import EXTERNAL, MODE, U, X
 from via_sim.joint.parameters import DYNAMIC, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import acting_goal
-from via_sim.joint.torques import EXTERNAL, MODE, U, X, bare
+from via_sim.joint.torques import bare
 
 _PHASES = 4  # free, limited, free again, and limited in the other direction
-
-
-@bare
-def saturated(p: Array, axis: int, torque: float) -> float:
-    """Commanded torque [N m] of an axis, limited by the saturation of its drive."""
-    return min(max(torque, -p[P.saturation + axis]), p[P.saturation + axis])
 
 
 @bare

@@ -14,22 +14,21 @@ from typing import Any
 import numpy as np
 from via_core.signals import Array
 
+from via_sim.catalogue.sensor.channel_skew import MAX_SKEW
 from via_sim.joint.encoders import read_motion
 from via_sim.joint.friction import breakaway, dry_friction, feels_both_sides
+from via_sim.joint.layout import HISTORY, X
 from via_sim.joint.parameters import DYNAMIC, P
 from via_sim.joint.torques import (
-    HISTORY,
-    X,
     bare,
     contact_torque,
     deflection,
+    inlined,
     preset_of,
     spring_factor,
     transmission_stiffness,
     transmission_torque,
 )
-
-MAX_SKEW = 0.05  # [s] largest delay of an encoder
 
 # Columns of the measured row and the truth row of one tick.
 _Measured = namedtuple(
@@ -71,7 +70,7 @@ def noise(x: Array, channel: int) -> float:
     return sqrt(-2.0 * log(one)) * cos(2.0 * pi * two)
 
 
-@bare
+@inlined
 def _read(true: float, sd: float, quantum: float, x: Array, channel: int) -> float:
     """Measurement of a true value with noise of standard deviation `sd`, then quantisation."""
     value = true
@@ -152,7 +151,9 @@ def dissipated_torque(p: Array, x: Array) -> float:
 
 
 @bare
-def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array, truth: Array) -> None:
+def observe(
+    p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array, truth: Array, full: Any
+) -> None:  # fmt: skip
     """Measured row (9,) and truth row (16,) of state x with sensors s; NaN without the axis or its sensor."""
     transmissions = int(p[P.transmissions])
     age = p[P.origin] + x[X.tick] * p[P.tick]
@@ -186,8 +187,11 @@ def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array,
             quantum, sd = s[S.motor_quantum], s[S.motor_noise]
             if i == 0:
                 quantum, sd = s[S.link_quantum], s[S.link_noise]
-            angle, speed = past(p, x, i)
-            angle, speed = read_motion(p, i, angle, speed)
+            if full is None:
+                angle, speed = x[i] + p[P.encoder_offset + i], x[3 + i]
+            else:
+                angle, speed = past(p, x, i)
+                angle, speed = read_motion(p, i, angle, speed)
             measured[MEASURED.q + i] = _read(angle, sd, max(quantum, p[P.encoder_quantum + i]), x, i)
             measured[MEASURED.q_velocity + i] = _read(speed, s[S.velocity_noise], 0.0, x, 5 + i)
     if transmissions == 0:

@@ -19,65 +19,25 @@ simulate Filippov systems, ACM TOMS 34 (2008).
 
 from __future__ import annotations
 
-from collections import namedtuple
 from math import copysign, inf, sin
 from typing import Any
 
 from via_core.signals import Array
-from via_core.springs import N_COEFFICIENTS, spring_stiffness, spring_torque
+from via_core.springs import (
+    N_COEFFICIENTS,
+    ODD_POLYNOMIAL,
+    odd_polynomial,
+    polynomial_slope,
+    spring_stiffness,
+    spring_torque,
+)
 
 from via_sim.joint.compiled import bare, compiled, inlined
 from via_sim.joint.friction import breakaway, bristle_torque, dry_friction, feels_both_sides, has_friction
-from via_sim.joint.parameters import AT_TRANSMISSION, POSITION_DRIVE, RIPPLE_HARMONICS, TORQUE_DRIVE, P
+from via_sim.joint.layout import DAMPING, EXTERNAL, FULL, M1, M2, MODE, SMOOTH, STUCK, U, X
+from via_sim.joint.parameters import AT_TRANSMISSION, DYNAMIC, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import drive_torque
-
-HISTORY = 34  # past samples in the ring buffer for late encoders
-
-# State row: the full state of a joint at a tick; X is the first column of each part.
-#   position (3) [rad], velocity (3) [rad/s]  of link, motor 1, motor 2
-#   tick, seed             number of the tick, seed of the noise
-#   reported_torque (2)    [N m] commanded during the last tick
-#   motor_torque (2), damping, external  [N m or rad, N m s/rad, N m] that acted during the last tick
-#   beside                 [N m] part of `external` that is not from the drive of a rigid joint
-#   bristle (3), hysteresis (2)  [N m] torques of the elements with memory
-#   lag (3)                [N m] drive torques behind the lag; of a position drive [rad] the distance of its goal
-#   behind                 [rad] distance of a position drive's goal from the commanded one due to the speed limit
-#   history (HISTORY, 6)   motion at past ticks, a ring buffer
-#   queue (L, QUEUED)      the last L commands, a ring buffer for the dead time
-State = namedtuple(
-    "State",
-    "position velocity tick seed reported_torque motor_torque damping external beside bristle hysteresis lag behind "
-    "history queue",
-)
-X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 15, 18, 20, 23, 24, 24 + 6 * HISTORY)
-
-# Command row, constant during a tick: motor 1, motor 2 [N m or rad], damping [-], external torque at the link [N m],
-# angle of the neighbour joint [rad], torque of the other joints of an arm on the link [N m]. The dead time applies to
-# the first QUEUED of them. A position drive has its goal [rad] and 1 (on) or 0 (off) in place of the motors.
-N_COMMANDS, QUEUED = 6, 4
-M1, M2, DAMPING, EXTERNAL, NEIGHBOUR, ARM = range(N_COMMANDS)
-GOAL, POWER = M1, M2
-
-# Inputs u of the equations. Columns 0 to 3 as in the command row: torque on motor 1, motor 2 [N m] (command [rad] of a
-# servo), DAMPING [N m s/rad], EXTERNAL torque on the link [N m]; then
-#   spring (2)          factors of the two springs [-]
-#   target (3)          commands to the drives of link, motor 1, motor 2 [N m; goal of a position drive: rad]
-#   beside (3)          torques on these axes that are not from drives [N m]
-#   acting, on          of a position drive: goal [rad], 1 or 0
-#   followed, lagged    its goal at the beginning of the step behind the speed limit and behind the lag [rad]
-_Inputs = namedtuple("_Inputs", "spring target beside acting on followed lagged")
-U: Any = _Inputs(4, 6, 9, 12, 13, 14, 15)
-N_INPUTS = 16
-
-# Modes. Columns 0 to 2 are the axes: STUCK, SMOOTH (no dry friction) or slip direction -1, +1; then
-#   flank (2), slip (2)  flank of the transmissions (0 within the gap), slip direction of their Maxwell elements (or 0)
-#   touch                whether the wall is touched
-#   switches, rare, lags whether any mode can change, any rare term is there, the drives lag
-#   every                ticks between samples in the ring buffer
-#   ripples (3)          number of ripple harmonics of the axes, up to the last that is not zero
-_Modes = namedtuple("_Modes", "flank slip touch switches rare lags every ripples")
-MODE: Any = _Modes(3, 5, 7, 8, 9, 10, 11, 12)
-STUCK, SMOOTH, N_MODES = 0, 2, 15
+from via_sim.joint.terms import axis_torque, count_terms, input_error
 
 
 @compiled
@@ -87,27 +47,63 @@ def spring_coefficients(p: Array) -> tuple[Array, Array]:
 
 
 @bare
-def prepare(p: Array, modes: Array) -> None:
-    """Set the entries of modes (N_MODES,) that are constant for a parameter row: ripples, rare, lags."""
-    rare = p[P.contact_stiffness] > 0.0
+def is_smooth(p: Array, modes: Array) -> bool:
+    """Whether a joint has none of the terms that kernels without FULL lack: modes, memory, servos, encoder errors."""
+    plain = (
+        not count_terms(p, modes)
+        and p[P.link_drive] != POSITION_DRIVE
+        and p[P.lag] <= 0.0
+        and p[P.contact_stiffness] <= 0.0
+    )
     for i in range(3):
-        modes[MODE.ripples + i] = 0
-        for k in range(RIPPLE_HARMONICS):
-            if p[P.ripple_amplitude + 3 * k + i] != 0.0:
-                modes[MODE.ripples + i] = k + 1
-        rare |= p[P.quadratic_drag + i] != 0.0 or p[P.bristle_torque + i] > 0.0 or modes[MODE.ripples + i] > 0
+        plain &= p[P.axis_kind + i] <= DYNAMIC and p[P.skew + i] <= 0.0 and p[P.encoder_harmonics + i] == 0.0
+        plain &= not has_friction(p, i)
+    for i in range(2):
+        plain &= (
+            p[P.input_errors + i] == 0.0
+            and p[P.backlash + i] <= 0.0
+            and p[P.hysteresis_torque + i] <= 0.0
+            and p[P.spring_damping + i] == 0.0
+        )
+    return plain
+
+
+@bare
+def prepare(p: Array, modes: Array) -> None:
+    """Set the entries of modes (N_MODES,) that are constant for a parameter row."""
+    rare = count_terms(p, modes) or p[P.contact_stiffness] > 0.0
+    for i in range(3):
+        rare |= p[P.bristle_torque + i] > 0.0
     for i in range(2):
         rare |= p[P.hysteresis_torque + i] > 0.0 or p[P.spring_damping + i] != 0.0
+        modes[MODE.coefficients + i] = N_COEFFICIENTS
+        while (
+            p[P.spring_kind + i] == ODD_POLYNOMIAL
+            and modes[MODE.coefficients + i] > 1
+            and p[P.spring + i * N_COEFFICIENTS + modes[MODE.coefficients + i] - 1] == 0.0
+        ):
+            modes[MODE.coefficients + i] -= 1
     modes[MODE.rare], modes[MODE.lags] = rare, p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf
 
 
-@bare
+@inlined
 def deflection(p: Array, i: int, q: float, motor: float) -> float:
     """Deflection phi_i [rad] of spring i."""
-    return q - motor if p[P.serial] != 0.0 else q - motor - p[P.pretension_offset + i]
+    phi = q - motor if p[P.serial] != 0.0 else q - motor - p[P.pretension_offset + i]
+    if p[P.input_errors + i] != 0.0:
+        phi -= input_error(p, 1 + i, motor)[0]
+    return phi
 
 
-@bare
+@inlined
+def on_motor(p: Array, i: int, motor: float, torque: float, full: Any) -> float:
+    """Torque [N m] of spring i on its motor, by virtual work with an error at the input of the transmission."""
+    if full is not None and p[P.input_errors + i] != 0.0:
+        return torque * (1.0 + input_error(p, 1 + i, motor)[1])
+    return torque
+
+
+@inlined
 def preset_of(p: Array, i: int, m1: float, m2: float) -> float:
     """Motor angle [rad] that is the second argument of spring law i."""
     return (m2 if p[P.serial] != 0.0 or i == 1 else m1) + p[P.pretension_offset + i]
@@ -126,7 +122,7 @@ def _hardened(hardening: float, phi: float, stop: float) -> float:
     return share if abs(phi) <= stop else max(share, 0.0)
 
 
-@bare
+@inlined
 def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, flank: int, factor: float) -> float:
     """tau_e,i [N m] at deflection phi; `flank` is 0 inside the backlash gap, else its side -1 or +1."""
     gap = p[P.backlash + i]
@@ -141,10 +137,12 @@ def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, f
         edge = copysign(stop, phi)
         slope = max(spring_stiffness(kind, c, edge, preset), 0.0)
         return factor * (spring_torque(kind, c, edge, preset) + slope * (phi - edge))
+    if kind == ODD_POLYNOMIAL:
+        return factor * odd_polynomial(c, phi)
     return factor * spring_torque(kind, c, phi, preset)
 
 
-@bare
+@inlined
 def transmission_stiffness(p: Array, c: Array, i: int, phi: float, preset: float, factor: float) -> float:
     """Stiffness sigma_i [N m/rad] at deflection phi."""
     gap = p[P.backlash + i]
@@ -154,7 +152,10 @@ def transmission_stiffness(p: Array, c: Array, i: int, phi: float, preset: float
         phi -= copysign(0.5 * gap, phi)
     kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
     edge = copysign(stop, phi) if abs(phi) > stop else phi
-    slope = spring_stiffness(kind, c, edge, preset)
+    if kind == ODD_POLYNOMIAL:
+        slope = polynomial_slope(c, edge)
+    else:
+        slope = spring_stiffness(kind, c, edge, preset)
     if abs(phi) > stop:
         slope = max(slope, 0.0)
     hardening = p[P.spring_hardening + i]
@@ -184,30 +185,18 @@ def contact_torque(p: Array, q: float, w: float) -> float:
 
 
 @bare
-def ripple_torque(p: Array, axis: int, angle: float, harmonics: int) -> float:
-    """Ripple torque [N m] of an axis at `angle` [rad]: the sum of its first `harmonics`."""
-    torque = 0.0
-    for k in range(harmonics):
-        here = 3 * k + axis
-        torque += p[P.ripple_amplitude + here] * sin(p[P.ripple_order + here] * angle + p[P.ripple_phase + here])
-    return torque
-
-
-@bare
 def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, speed: float) -> float:
-    """Rare torques [N m] of one axis: quadratic drag, bristle, ripple."""
-    torque = -p[P.quadratic_drag + axis] * speed * abs(speed)
+    """Rare torques [N m] of one axis: terms of the catalogue, and the bristle."""
+    torque = axis_torque(p, modes, axis, angle, speed)
     if p[P.bristle_torque + axis] > 0.0:
         torque -= bristle_torque(p, axis, modes[axis], x[X.bristle + axis], angle - x[axis])
-    if modes[MODE.ripples + axis] > 0:
-        torque += ripple_torque(p, axis, angle, modes[MODE.ripples + axis])
     return torque
 
 
 @bare
 def motive_torques(
     p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
-    q: float, m1: float, m2: float, w: float, w1: float, w2: float,
+    q: float, m1: float, m2: float, w: float, w1: float, w2: float, full: Any,
 ) -> tuple[float, float, float, float, float, float]:  # fmt: skip
     """Torque [N m] on link, motor 1 and motor 2 without their own friction; then the loads on them, see friction.py.
 
@@ -216,7 +205,7 @@ def motive_torques(
     """
     link, first, second = u[EXTERNAL], u[M1], u[M2]
     load, load1, load2 = link - u[U.beside], 0.0, 0.0
-    if p[P.link_drive] == POSITION_DRIVE:
+    if full is not None and p[P.link_drive] == POSITION_DRIVE:
         load = drive_torque(p, u[U.acting], u[U.on], q)
         link, load = link + load, load - u[U.on] * p[P.drive_damping] * w
     if p[P.gravity_torque] != 0.0:
@@ -225,18 +214,18 @@ def motive_torques(
         phi, preset = deflection(p, 0, q, m1), preset_of(p, 0, m1, m2)
         torque = transmission_torque(p, c1, 0, phi, preset, modes[MODE.flank], u[U.spring])
         link -= torque
-        first += torque
-        load, load1 = -torque, torque
+        load, load1 = -torque, on_motor(p, 0, m1, torque, full)
+        first += load1
     if p[P.transmissions] > 1.0:
         phi, preset = deflection(p, 1, q, m2), preset_of(p, 1, m1, m2)
         torque = transmission_torque(p, c2, 1, phi, preset, modes[MODE.flank + 1], u[U.spring + 1])
         link -= torque
-        second += torque
-        load, load2 = load - torque, torque
+        load, load2 = load - torque, on_motor(p, 1, m2, torque, full)
+        second += load2
     if p[P.damper_site] == AT_TRANSMISSION:  # at transmission 1; the diagonal part is in `viscous_rate`
         link += u[DAMPING] * w1
         first += u[DAMPING] * w
-    if modes[MODE.rare] != 0:
+    if full is not None and modes[MODE.rare] != 0:
         link += _rare_torque(p, modes, x, 0, q, w)
         first += _rare_torque(p, modes, x, 1, m1, w1)
         second += _rare_torque(p, modes, x, 2, m2, w2)
@@ -252,6 +241,9 @@ def motive_torques(
         first += d1 * w + h1
         second += d2 * w + h2
     return link, first, second, load, load1, load2
+
+
+smooth_torques = inlined(motive_torques.py_func)
 
 
 @bare
@@ -275,6 +267,12 @@ def counter_torque(p: Array, modes: Array, u: Array, axis: int, q: float, w: flo
 @bare
 def find_modes(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array) -> None:
     """Modes of state x into modes (N_MODES,), after `prepare`."""
+    seek_modes(p, c1, c2, x, u, modes, FULL)
+
+
+@bare
+def seek_modes(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array, full: Any) -> None:
+    """`find_modes` in a kernel with or without the rare groups of terms."""
     modes[MODE.switches] = 0
     for i in range(2):
         half = 0.5 * p[P.backlash + i]
@@ -282,7 +280,7 @@ def find_modes(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array)
             phi = deflection(p, i, x[0], x[1 + i])
             modes[MODE.flank + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
             modes[MODE.switches] = 1
-    if modes[MODE.rare] != 0:
+    if full is not None:
         for i in range(2):
             level, held = p[P.hysteresis_torque + i], x[X.hysteresis + i]
             if level > 0.0:
@@ -299,7 +297,7 @@ def find_modes(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array)
             modes[i] = STUCK
             modes[MODE.switches] = 1
     if modes[MODE.switches] != 0:
-        t = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
+        t = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5], full)
         for i in range(3):
             if modes[i] != SMOOTH:
                 if x[3 + i] != 0.0:
@@ -329,10 +327,10 @@ def _driven(
 @bare
 def forced(
     p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
-    q: float, m1: float, m2: float, w: float, w1: float, w2: float,
+    q: float, m1: float, m2: float, w: float, w1: float, w2: float, full: Any,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Torque [N m] on each axis without its viscous friction, which the exponential integrator covers."""
-    t0, t1, t2, l0, l1, l2 = motive_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2)
+    t0, t1, t2, l0, l1, l2 = motive_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2, full)
     return (
         _driven(p, modes, u, 0, t0, w, l0, q, w),
         _driven(p, modes, u, 1, t1, w1, l1, q, w),
@@ -341,10 +339,10 @@ def forced(
 
 
 @bare
-def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, modes: Array) -> float:
+def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, modes: Array, full: Any) -> float:
     """Violation of the modes by state y, reached from x: > 0 outside; continuous in y."""
     worst = -inf
-    t = motive_torques(p, c1, c2, modes, u, x, y[0], y[1], y[2], y[3], y[4], y[5])
+    t = motive_torques(p, c1, c2, modes, u, x, y[0], y[1], y[2], y[3], y[4], y[5], full)
     for i in range(3):
         if modes[i] == STUCK:
             load, counter = t[3 + i], counter_torque(p, modes, u, i, y[0], y[3])
@@ -356,7 +354,7 @@ def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, mode
         if half > 0.0:
             phi, flank = deflection(p, i, y[0], y[1 + i]), modes[MODE.flank + i]
             worst = max(worst, abs(phi) - half if flank == 0 else half - flank * phi)
-    if modes[MODE.rare] != 0:
+    if full is not None and modes[MODE.rare] != 0:
         for i in range(2):
             level, slip = p[P.hysteresis_torque + i], modes[MODE.slip + i]
             if level > 0.0:

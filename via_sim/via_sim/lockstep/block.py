@@ -10,8 +10,9 @@ from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS
 
 from via_sim.joint.compiled import bare
-from via_sim.joint.kernel import PER_AXIS
-from via_sim.joint.parameters import RIPPLE_HARMONICS, P
+from via_sim.joint.parameters import P
+from via_sim.joint.step import PER_AXIS
+from via_sim.joint.terms import terms_at
 
 # Name and number of rows. Three rows belong to link, motor 1, motor 2; two rows to the motors or transmissions.
 _SIZES = {
@@ -37,13 +38,14 @@ _SIZES = {
     # the end of a step
     "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
     "viscous_asymmetry": 3, "load_friction": 3, "counter_friction": 3, "load_stribeck": 3, "counter_stribeck": 3,
-    "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3, "quadratic_drag": 3,
+    "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3,
     "gravity_torque": 1, "gravity_angle": 1, "spring": 2 * N_COEFFICIENTS, "rise": 2, "fall": 2, "growth": 2,
     "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "slip_torque": 2,
     "slip_stiffness": 2, "spring_damping": 2, "contact_angle": 1, "contact_side": 1, "contact_stiffness": 1,
     "contact_damping": 1, "no_wall": 1, "torque_gain": 3, "torque_bias": 3, "lag_left": 3,
-    "ripple_amplitude": 3 * RIPPLE_HARMONICS, "ripple_order": 3 * RIPPLE_HARMONICS,
-    "ripple_phase": 3 * RIPPLE_HARMONICS,
+    # of terms at the input of a transmission: error [rad] and its derivative
+    "input_error": 2, "input_slope": 2, "geared_torque": 2,
+    **{name: 3 * term.repeats for place in ("axis", "input") for term in terms_at(place) for name in term.slots},
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
@@ -63,9 +65,9 @@ COPIED = np.array(
 #   rare          bits of the terms below, which most joints lack
 Terms = namedtuple("Terms", "axes coefficients gravity friction falls gaps rare")
 
-# First bit of each rare term: one bit per axis, transmission, or joint; of `ripple` one per axis and harmonic.
-_Rare = namedtuple("_Rare", "bristle drag maxwell spring_damping wall lag loads position ripple")
-R: Any = _Rare(0, 3, 6, 8, 9, 10, 11, 12, 13)
+# First bit of each rare term: one bit per axis, transmission, or joint; of the catalogue's terms see `terms.py`.
+_Rare = namedtuple("_Rare", "bristle maxwell spring_damping wall lag loads position input terms")
+R: Any = _Rare(0, 3, 5, 6, 7, 8, 9, 10, 12)
 
 
 @bare
@@ -85,6 +87,12 @@ def sine(x: float) -> float:
     t = 1.0 - s * (1.0 / 6.0) * t
     odd = turns - 2.0 * np.floor(0.5 * turns)
     return (1.0 - 2.0 * odd) * r * t
+
+
+@bare
+def cosine(x: float) -> float:
+    """cos(x), as `sine`."""
+    return sine(x + 1.5707963267948966)
 
 
 @bare

@@ -8,13 +8,16 @@ from via_core.dampers import damper_value
 from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, SINH
 
-from via_sim.joint.actuation import saturated
 from via_sim.joint.compiled import bare
 from via_sim.joint.friction import feels_both_sides, has_friction
-from via_sim.joint.parameters import ABSENT, DYNAMIC, NO_DAMPER, POSITION_DRIVE, RIPPLE_HARMONICS, TORQUE_DRIVE, P
+from via_sim.joint.kernel import queued_at
+from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X
+from via_sim.joint.parameters import ABSENT, DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import drive_torque
-from via_sim.joint.torques import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X, deflection, spring_factor
+from via_sim.joint.terms import saturated
+from via_sim.joint.torques import deflection, spring_factor
 from via_sim.lockstep.block import COPIED, R, Terms, Z
+from via_sim.lockstep.terms import term_bits
 
 
 @bare
@@ -102,7 +105,7 @@ def load_state(p: Array, x: Array, z: Array, lane: int) -> bool:
 @bare
 def load_inputs(p: Array, x: Array, command: Array, slot: int, late: int, age: float, z: Array, lane: int) -> None:
     """Put the command into the queue of state x at `slot`, and the inputs that act during this tick into the lane."""
-    queued = _queued(x, slot, late)
+    queued = queued_at(x, slot, late)
     for i in range(QUEUED):
         x[X.queue + QUEUED * slot + i] = command[i]
     neighbour = command[NEIGHBOUR]
@@ -136,16 +139,9 @@ def load_inputs(p: Array, x: Array, command: Array, slot: int, late: int, age: f
 
 
 @bare
-def _queued(x: Array, slot: int, late: int) -> int:
-    """Index in state x of the command from `late` ticks before the one at `slot` of the queue."""
-    turn = slot - late
-    return X.queue + QUEUED * (turn if turn >= 0 else turn + (x.size - X.queue) // QUEUED)
-
-
-@bare
 def store_inputs(p: Array, x: Array, command: Array, slot: int, late: int, z: Array, lane: int) -> None:
     """Copy the inputs that acted last from the lane into state x, as `kernel.advance_tick` does."""
-    queued = _queued(x, slot, late)
+    queued = queued_at(x, slot, late)
     x[X.beside] = z[Z.other_torque, lane]
     x[X.external], x[X.damping] = z[Z.torque, lane], z[Z.damping, lane] - z[Z.drive_damping, lane]
     positioned = p[P.link_drive] == POSITION_DRIVE  # without speed limit and lag, see `is_supported`
@@ -191,15 +187,13 @@ def terms_of(rows: Array, first: int, count: int) -> Terms:
 @bare
 def _rare_bits(p: Array) -> int:
     """Bits of the rare terms of a parameter row."""
-    bits = int(p[P.contact_stiffness] > 0.0) << R.wall | int(p[P.lag] > 0.0) << R.lag
+    bits = term_bits(p) | int(p[P.contact_stiffness] > 0.0) << R.wall | int(p[P.lag] > 0.0) << R.lag
     bits |= int(p[P.link_drive] == POSITION_DRIVE) << R.position
     for axis in range(3):
         bits |= int(p[P.bristle_torque + axis] > 0.0) << (R.bristle + axis)
-        bits |= int(p[P.quadratic_drag + axis] != 0.0) << (R.drag + axis)
         bits |= int(feels_both_sides(p, axis)) << R.loads
-        for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
-            bits |= int(p[P.ripple_amplitude + k] != 0.0) << (R.ripple + k)
     for i in range(2):
         bits |= int(p[P.hysteresis_torque + i] > 0.0) << (R.maxwell + i)
         bits |= int(p[P.spring_damping + i] != 0.0) << R.spring_damping
+        bits |= int(p[P.input_errors + i] != 0.0) << (R.input + i)
     return bits

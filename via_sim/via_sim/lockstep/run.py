@@ -10,10 +10,11 @@ from via_core.signals import Array
 
 from via_sim.joint.compiled import bare, compiled, inlined
 from via_sim.joint.encoders import true_motion
-from via_sim.joint.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
+from via_sim.joint.kernel import advance_tick, begin
+from via_sim.joint.layout import MODE, N_INPUTS, N_MODES, QUEUED, X
 from via_sim.joint.measurements import record, sense, stride
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import MODE, N_INPUTS, N_MODES, QUEUED, X
+from via_sim.joint.step import N_WEIGHTS, PER_AXIS, weigh
 from via_sim.lockstep.block import N_ROWS, Terms, Z
 from via_sim.lockstep.lanes import is_supported, load_inputs, load_parameters, load_state, store_inputs, terms_of
 from via_sim.lockstep.step import step

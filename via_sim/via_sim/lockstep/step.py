@@ -5,8 +5,9 @@ from __future__ import annotations
 from via_core.signals import Array
 
 from via_sim.joint.compiled import bare
-from via_sim.joint.kernel import PER_AXIS, W
+from via_sim.joint.step import PER_AXIS, W
 from via_sim.lockstep.block import R, Terms, Z, add, copy
+from via_sim.lockstep.terms import find_input_errors
 from via_sim.lockstep.torques import apply_lag, bristle_torque, maxwell_torque, torques
 
 
@@ -48,6 +49,8 @@ def step(z: Array, rows: Array, first: int, terms: Terms, sticks: bool) -> None:
         for lane in range(z.shape[1]):
             z[Z.at + axis, lane] += z[w + W.end_c + 1, lane] * z[Z.c + axis, lane]
             z[Z.at + 3 + axis, lane] += z[w + W.end_c, lane] * z[Z.c + axis, lane]
+    if rare >> R.input & 3:
+        find_input_errors(z)
     _check_modes(z, Z.at + 3, axes, friction, terms.gaps)
     if sticks:  # for the margin of stuck axes at the end of the step
         torques(z, rows, first, Z.n, terms, sticks)
@@ -85,7 +88,7 @@ def _check_modes(z: Array, velocity: int, axes: int, friction: int, transmission
     for i in range(transmissions):
         for lane in range(z.shape[1]):
             half, flank = z[Z.half_gap + i, lane], z[Z.flank + i, lane]
-            phi = z[Z.at, lane] - z[Z.at + 1 + i, lane] - z[Z.pretension_offset + i, lane]
+            phi = z[Z.at, lane] - z[Z.at + 1 + i, lane] - z[Z.pretension_offset + i, lane] - z[Z.input_error + i, lane]
             beyond, inside = flank * phi - half, half - abs(phi)
             kept = abs(flank) * beyond + (1.0 - abs(flank)) * inside + z[Z.no_gap + i, lane]
             z[Z.margin, lane] = min(z[Z.margin, lane], kept)

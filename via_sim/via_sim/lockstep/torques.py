@@ -6,9 +6,10 @@ from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.joint.compiled import bare
-from via_sim.joint.parameters import AT_TRANSMISSION, RIPPLE_HARMONICS, P
+from via_sim.joint.parameters import AT_TRANSMISSION, P
 from via_sim.joint.torques import deflection, preset_of, transmission_torque
 from via_sim.lockstep.block import R, Terms, Z, decay, sine
+from via_sim.lockstep.terms import add_terms, find_input_errors
 
 _ENOUGH = 1e300  # [N m] margin of an axis that does not stick
 
@@ -33,12 +34,15 @@ def torques(z: Array, rows: Array, first: int, out: int, terms: Terms, sticks: b
         for lane in range(z.shape[1]):
             z[out, lane] += z[Z.damping, lane] * z[Z.at + 4, lane]
             z[out + 1, lane] += z[Z.damping, lane] * z[Z.at + 3, lane]
+    if rare >> R.input & 3:
+        find_input_errors(z)
     _springs(z, rows, first, terms.coefficients)
     count = int(p[P.transmissions])
     for i in range(count):
         for lane in range(z.shape[1]):
             z[out, lane] -= z[Z.spring_torque + i, lane]
-            z[out + (1 + i), lane] += z[Z.spring_torque + i, lane]
+            z[Z.geared_torque + i, lane] = z[Z.spring_torque + i, lane] * (1.0 + z[Z.input_slope + i, lane])
+            z[out + (1 + i), lane] += z[Z.geared_torque + i, lane]
     if rare != 0:
         _rare_torques(z, axes, out, rare)
     for axis in range(axes):
@@ -61,7 +65,7 @@ def _friction(z: Array, axis: int, count: int, out: int, terms: Terms, sticks: b
             z[Z.load_torque, lane] = -(z[Z.spring_torque, lane] + z[Z.spring_torque + 1, lane])
     else:
         for lane in range(z.shape[1]):
-            z[Z.load_torque, lane] = z[Z.spring_torque + axis - 1, lane]
+            z[Z.load_torque, lane] = z[Z.geared_torque + axis - 1, lane]
     if rare >> R.loads & 1:
         _counter(z, axis, count, terms)
         for lane in range(z.shape[1]):
@@ -107,7 +111,7 @@ def _springs(z: Array, rows: Array, first: int, coefficients: int) -> None:
     for i in range(int(p[P.transmissions])):
         at, motor, spring, factor = Z.at, Z.at + (1 + i), Z.spring_torque + i, Z.spring_factor + i
         flank, half, stop = Z.flank + i, Z.half_gap + i, Z.stop + i
-        hardening, offset = Z.spring_hardening + i, Z.pretension_offset + i
+        hardening, offset, error = Z.spring_hardening + i, Z.pretension_offset + i, Z.input_error + i
         kind, rise, fall, growth = int(p[P.spring_kind + i]), Z.rise + i, Z.fall + i, Z.growth + i
         if kind != ODD_POLYNOMIAL and kind != SINH and kind != EXPONENTIAL:
             for lane in range(z.shape[1]):
@@ -119,7 +123,7 @@ def _springs(z: Array, rows: Array, first: int, coefficients: int) -> None:
                 z[spring, lane] = transmission_torque(row, c, i, phi, preset, int(z[flank, lane]), z[factor, lane])
             continue
         for lane in range(z.shape[1]):
-            phi = z[at, lane] - z[motor, lane] - z[offset, lane] - z[flank, lane] * z[half, lane]
+            phi = z[at, lane] - z[motor, lane] - z[offset, lane] - z[error, lane] - z[flank, lane] * z[half, lane]
             z[Z.phi, lane] = phi
             z[Z.inside, lane] = min(max(phi, -z[stop, lane]), z[stop, lane])
             z[spring, lane] = z[Z.slope, lane] = 0.0
@@ -156,17 +160,8 @@ def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
             torque = min(max(z[Z.drive_stiffness, lane] * (z[Z.goal, lane] - z[Z.at, lane]), -reach), reach)
             z[Z.drive_torque, lane] = z[Z.drive_gain, lane] * torque + z[Z.drive_bias, lane]
             z[out, lane] += z[Z.drive_torque, lane]
+    add_terms(z, axes, out, rare)
     for axis in range(axes):
-        if rare >> (R.drag + axis) & 1:
-            for lane in range(z.shape[1]):
-                v = z[Z.at + 3 + axis, lane]
-                z[out + axis, lane] -= z[Z.quadratic_drag + axis, lane] * v * abs(v)
-        if rare >> R.ripple != 0:
-            for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
-                if rare >> (R.ripple + k) & 1:
-                    for lane in range(z.shape[1]):
-                        turned = z[Z.ripple_order + k, lane] * z[Z.at + axis, lane] + z[Z.ripple_phase + k, lane]
-                        z[out + axis, lane] += z[Z.ripple_amplitude + k, lane] * sine(turned)
         if rare >> (R.bristle + axis) & 1:
             for lane in range(z.shape[1]):
                 z[out + axis, lane] -= bristle_torque(z, axis, lane)

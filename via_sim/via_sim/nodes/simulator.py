@@ -26,8 +26,8 @@ from via_ros.conversions import Command, JointStateWriter, followed, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import run
 
+from via_sim.joint.layout import DAMPING, EXTERNAL, GOAL, M1, N_COMMANDS, POWER
 from via_sim.joint.measurements import MEASURED, TRUTH
-from via_sim.joint.torques import DAMPING, EXTERNAL, GOAL, M1, N_COMMANDS, POWER
 from via_sim.nodes.effect_services import EffectServices
 from via_sim.nodes.simulation import SimulationNode, TimeParameters
 from via_sim.plants import JointPlant

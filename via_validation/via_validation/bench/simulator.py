@@ -30,6 +30,7 @@ from scipy.integrate import solve_ivp
 from via_core.devices import load_device, parse_device
 from via_core.signals import Array, Signals
 from via_sim.joint.kernel import run
+from via_sim.joint.layout import N_COMMANDS
 from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
@@ -88,7 +89,7 @@ def ours(plant: JointPlant, motor: Array, finer: float = 1.0) -> Array:
     """Angles (N, 3) from this simulator with `finer` times its usual number of substeps."""
     row = plant.at_rate(RATE)
     row[P.substeps] *= finer
-    commands = np.zeros((len(motor), 4))
+    commands = np.zeros((len(motor), N_COMMANDS))
     commands[:, :2] = motor
     truth = np.empty((len(motor) + 1, 16))
     run(row, IDEAL.row(), initial_state(plant, RATE, None, 0), commands, np.empty((len(motor) + 1, 9)), truth)

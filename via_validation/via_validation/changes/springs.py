@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 from via_core.signals import Array, Signals
 from via_sim.joint.kernel import run
+from via_sim.joint.layout import N_COMMANDS
 from via_sim.joint.measurements import MEASURED, TRUTH
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import N_COMMANDS
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import initial_state

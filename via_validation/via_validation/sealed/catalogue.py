@@ -1,4 +1,4 @@
-"""Catalogue of the second simulator: the thirty named effects, their locations and their physics.
+"""Catalogue of the second simulator: the named effects, their locations and their physics.
 
 It was written from the specification alone and shares nothing with via_sim's catalogue. An entry lists the locations of
 the effect in a joint, draws its shape (order, direction, position), and returns Physics for a relative size within
@@ -22,6 +22,7 @@ from via_core.devices import Device
 from via_validation.sealed.physics import HARMONICS, Physics, at_axis, at_motor, terms_at
 from via_validation.sealed.scene import Scene
 
+STEEPEST = 0.8  # largest derivative of a gear's error: it must not turn backwards
 TICK = 0.5e-3  # [s] delays are whole multiples
 Shape = Mapping[str, float]
 Numbers = dict[str, float]
@@ -259,6 +260,23 @@ def _eccentricity(_scene: Scene, axis: int, size: float, shape: Shape) -> tuple[
     return physics, numbers
 
 
+def _gear_orders(rng: Generator, _scene: Scene) -> Shape:
+    return _terms(rng, {"order": float(rng.integers(2, 12)), "phase": float(rng.uniform(-pi, pi))}, range(2, 13))
+
+
+def _gear(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    amplitudes, orders, phases, numbers = _series(shape, size * scene.deflection[number - 1])
+    steepest = sum(amplitude * order for amplitude, order in zip(amplitudes, orders))
+    if steepest > STEEPEST:
+        return _gear(scene, number, size * 0.999 * STEEPEST / steepest, shape)
+    physics = Physics(
+        gear=terms_at(number - 1, 2, amplitudes),
+        gear_order=terms_at(number - 1, 2, orders, 1.0),
+        gear_phase=terms_at(number - 1, 2, phases),
+    )
+    return physics, numbers
+
+
 def _payload_arm(rng: Generator, _scene: Scene) -> Shape:
     return {"arm": float(rng.uniform(0.1, 0.4))}
 
@@ -324,6 +342,7 @@ _BIAS, _SENSED_BIAS = (
 _SATURATION = single(
     "limit", "limit", lambda k, value: at_motor(k, value, inf), lambda scene, k, size: (1.0 - size) * scene.highest[k]
 )
+_DEADBAND = single("deadband", "threshold", at_motor, lambda scene, k, size: size * scene.torque[k])
 _LAG = single("lag", "time_constant", whole, lambda _scene, _number, size: size)
 _DELAY = single("delay", "delay", whole, lambda _scene, _number, size: max(round(size / TICK), 1) * TICK)
 _OFFSET = single("offset", "offset", at_axis, lambda _scene, _axis, size: size)
@@ -348,11 +367,13 @@ CATALOGUE: Mapping[str, Entry] = MappingProxyType(
             Entry("spring_law", transmissions, 0.15, 3.0, _signed, _spring_law, 900.0),
             Entry("stiffness_drift", transmissions, 0.2, 0.9, _signed, _DRIFT),
             Entry("preset_error", _presets, 0.005, 1.0, _signed, _preset),
+            Entry("gear_error", transmissions, 0.02, 0.8, _gear_orders, _gear),
             Entry("joint_coupling", at_site("link"), 0.02, 2.0, _neighbour, _coupling),
             Entry("torque_gain", _torques, 0.15, 0.6, _signed, _GAIN, sensed=_SENSED_GAIN),
             Entry("torque_bias", _torques, 0.01, 0.8, _signed, _BIAS, sensed=_SENSED_BIAS),
             Entry("torque_ripple", _drives, 0.01, 0.8, _order, _ripple),
             Entry("torque_saturation", _drives, 0.1, 0.85, no_shape, _SATURATION),
+            Entry("torque_deadband", _drives, 0.02, 1.0, no_shape, _DEADBAND),
             Entry("actuator_lag", at_site("command", "torque"), 0.5e-3, 0.04, no_shape, _LAG),
             Entry("actuator_delay", at_site("command"), 1e-3, 0.04, no_shape, _DELAY),
             Entry("encoder_offset", _encoders, 1e-4, 0.2, _signed, _OFFSET),

@@ -34,7 +34,8 @@ SIZES = {
     "uneven": 3, "uneven_viscous": 3, "load_friction": 3, "texture": 3, "texture_order": 3, "warm_friction": 3,
     "warming_energy": 3, "bristle": 3, "bristle_length": 3, "kind": 2, "native": 2, "spring": 12, "gap": 2, "rest": 2,
     "hardening": 2, "drift": 2, "soften": 2, "relaxing": 2, "relaxation": 2, "ripple": 2 * HARMONICS,
-    "ripple_order": 2 * HARMONICS, "ripple_phase": 2 * HARMONICS, "sag": 2, "preset_shift": 1, "damping_delay": 1,
+    "ripple_order": 2 * HARMONICS, "ripple_phase": 2 * HARMONICS, "deadband": 2, "gear": 2 * HARMONICS,
+    "gear_order": 2 * HARMONICS, "gear_phase": 2 * HARMONICS, "sag": 2, "preset_shift": 1, "damping_delay": 1,
     "offset": 3, "eccentricity": 3 * HARMONICS, "eccentric_order": 3 * HARMONICS, "eccentric_phase": 3 * HARMONICS,
     "quantum": 3, "limit": 2, "proportional": 2, "derivative": 2, "integral": 2, "smoothing": 1,
     "positioned": 1, "kp": 1, "kd": 1, "pull_limit": 1, "goal_speed": 1, "goal_delay": 1,
@@ -138,23 +139,34 @@ def add_drive_torque(p: Array, i: int, axis: int, angle: float, speed: float, co
 
 @_compiled
 def add_transmission_torque(
-    p: Array, i: int, phi: float, preset: float, time: float, relaxed: Array, torque: Array, load: Array
-) -> None:
-    """Add the torque of transmission i at the deflection phi [rad] that MuJoCo lacks, and its total to the loads."""
+    p: Array, i: int, own: float, phi: float, preset: float, time: float, relaxed: Array, torque: Array, load: Array
+) -> None:  # fmt: skip
+    """Add the torque of transmission i at the deflection phi [rad] that MuJoCo lacks, and its total to the loads.
+
+    own [rad] is the angle of its motor. A gear with a transmission error e has the deflection phi - e, and its motor
+    carries 1 + de/dtheta times the torque.
+    """
+    known = spring(p, i, outside(phi, p[R.gap + i]), preset) if p[R.native + i] != 0.0 else 0.0
+    ratio = 1.0
+    for n in range(HARMONICS * i, HARMONICS * (i + 1)):
+        if p[R.gear + n] != 0.0:
+            turned = p[R.gear_order + n] * own + p[R.gear_phase + n]
+            phi -= p[R.gear + n] * sin(turned)
+            ratio += p[R.gear + n] * p[R.gear_order + n] * cos(turned)
     stretched = outside(phi, p[R.gap + i])
     tau = spring(p, i, stretched, preset)
     factor = (1.0 + p[R.hardening + i] * stretched * stretched) * (1.0 + p[R.drift + i] * time)
     if p[R.soften + i] > 0.0:
         factor *= phi * phi / (phi * phi + p[R.soften + i] * p[R.soften + i])
-    more = tau * factor - (tau if p[R.native + i] != 0.0 else 0.0)
+    whole = tau * factor
     if p[R.relaxing + i] > 0.0:
         relaxed[i] += (phi - relaxed[i]) * (1.0 - exp(-p[R.step] / p[R.relaxation + i]))
-        more += p[R.relaxing + i] * (phi - relaxed[i])
-    torque[0] -= more
+        whole += p[R.relaxing + i] * (phi - relaxed[i])
+    torque[0] -= whole - known
     load[0] += tau * factor
     load[1 + i] = abs(tau * factor)
     if p[R.servo] == 0.0:
-        torque[1 + i] += more
+        torque[1 + i] += ratio * whole - known
 
 
 @_compiled
@@ -234,7 +246,7 @@ def run(
             torque[0] = push[k]
             q = qpos[0] + 0.5 * h * qvel[0]
             for i in range(drives):
-                ctrl[i] = command[i]
+                ctrl[i] = command[i] if abs(command[i]) >= p[R.deadband + i] else 0.0
                 if p[R.positioned] != 0.0:
                     goals[now] = command[0]
                     reach = p[R.goal_speed] * h
@@ -255,7 +267,7 @@ def run(
                 if p[R.serial] != 0.0:
                     preset = qpos[2] + 0.5 * h * qvel[2] + p[R.preset_shift]
                 phi = q - own - p[R.rest + i]
-                add_transmission_torque(p, i, phi, preset, (now + 0.5) * h, relaxed, torque, load)
+                add_transmission_torque(p, i, own, phi, preset, (now + 0.5) * h, relaxed, torque, load)
                 if p[R.serial] != 0.0 and p[R.native] != 0.0:
                     ctrl[drives] = preset
             load[0] = abs(load[0])

@@ -65,6 +65,10 @@ class Physics:
     ripple: Terms = (0.0,) * 2 * HARMONICS  # [N m] per motor
     ripple_order: Terms = (0.0,) * 2 * HARMONICS  # [1/rev]
     ripple_phase: Terms = (0.0,) * 2 * HARMONICS  # [rad]
+    deadband: Two = NO_MOTOR  # [N m] command below which the drive gives no torque
+    gear: Terms = (0.0,) * 2 * HARMONICS  # [rad] per motor: angle behind the gear less that of the motor
+    gear_order: Terms = (1.0,) * 2 * HARMONICS  # [1/rev]
+    gear_phase: Terms = (0.0,) * 2 * HARMONICS  # [rad]
     hardening: Two = NO_MOTOR  # [1/rad^2] spring torque times (1 + hardening phi^2)
     drift: Two = NO_MOTOR  # [1/s] spring torque times (1 + drift t)
     soften: Two = NO_MOTOR  # [rad] spring torque times phi^2 / (phi^2 + soften^2)

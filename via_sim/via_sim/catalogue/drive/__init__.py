@@ -1,0 +1,26 @@
+"""Effects between command and torque."""
+
+from via_sim.catalogue.drive import (
+    actuator_delay,
+    actuator_lag,
+    speed_limit,
+    torque_bias,
+    torque_deadband,
+    torque_gain,
+    torque_ripple,
+    torque_saturation,
+)
+
+KINDS = tuple(
+    each.KIND
+    for each in (
+        torque_gain,
+        torque_bias,
+        torque_ripple,
+        torque_saturation,
+        torque_deadband,
+        actuator_lag,
+        actuator_delay,
+        speed_limit,
+    )
+)

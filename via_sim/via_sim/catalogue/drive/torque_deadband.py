@@ -1,0 +1,33 @@
+"""A drive that passes no torque for small commands."""
+
+from __future__ import annotations
+
+from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot
+from via_sim.catalogue.starts import Start, Starts
+from via_sim.catalogue.terms import Term
+
+
+def _passed(torque_deadband: float, torque: float) -> float:
+    return 0.0 if abs(torque) < torque_deadband else torque
+
+
+KIND = EffectKind(
+    name="torque_deadband",
+    text="a drive that passes no torque while the command is smaller than a threshold",
+    term="u for |u| >= threshold, else 0",
+    confused_with="coulomb_friction: holds under a load; torque_gain, torque_saturation: only small commands",
+    sites=("motor",),
+    parameters=(
+        EffectParameter("threshold", "N m", 0.0, 1e3, 0.0, "smallest command that passes", slot="torque_deadband"),
+    ),
+    slots=(Slot("torque_deadband", "N m", "commanded torques below it do not pass the drive", 3),),
+    terms=(Term("command", _passed),),
+    starts=Starts(
+        ("threshold",),
+        lambda here: [Start(({"threshold": share * here.peak},), ()) for share in (0.02, 0.05, 0.1, 0.2, 0.4)],
+        of_peak=True,
+    ),
+    needs_torque_drive=True,
+    of_drive=True,
+    of_torque=True,
+)

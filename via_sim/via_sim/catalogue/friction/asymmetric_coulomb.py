@@ -1,0 +1,33 @@
+"""Dry friction that differs with the direction of motion."""
+
+from __future__ import annotations
+
+from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot, Spot, Values
+from via_sim.catalogue.starts import each, tenth
+
+
+def _write(spot: Spot, value: Values) -> None:
+    mean = 0.5 * (value["forward"] + value["backward"])
+    spot["breakaway_friction"] += mean
+    spot["kinetic_friction"] += mean
+    spot["friction_asymmetry"] += 0.5 * (value["forward"] - value["backward"])
+
+
+KIND = EffectKind(
+    name="asymmetric_coulomb",
+    text="dry friction that differs with the direction of motion",
+    term="-forward for v > 0, +backward for v < 0",
+    confused_with="torque_bias: a hold at standstill; in motion the two cannot be distinguished",
+    sites=("motor", "link"),
+    needs_torque_drive=True,
+    parameters=(
+        EffectParameter("forward", "N m", 0.0, 1e3, 0.0, "friction while the angle increases", True),
+        EffectParameter("backward", "N m", 0.0, 1e3, 0.0, "friction while the angle decreases", True),
+    ),
+    slots=(Slot("friction_asymmetry", "N m", "half the difference of forward and backward dry friction", 3),),
+    write=_write,
+    starts=each(forward=tenth, backward=tenth),
+    contains=("coulomb_friction", (0, 1)),
+    adds=True,
+    dry=True,
+)

@@ -1,0 +1,45 @@
+"""A wall on one side of the link."""
+
+from __future__ import annotations
+
+from via_core.errors import ParameterError
+
+from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot, Spot, Values
+from via_sim.catalogue.starts import Typical, grid
+
+
+def _write(_spot: Spot, value: Values) -> None:
+    if abs(value["side"]) != 1.0:
+        raise ParameterError(f"side must be -1 or 1, got {value['side']}")
+
+
+def _starts(here: Typical) -> list[dict[str, float]]:
+    stiffness = 2.0 * here.torque / here.angle
+    low, tenth, ninetieth, high = (float(each) for each in here.range)
+    walls = ((high, 1.0), (ninetieth, 1.0), (tenth, -1.0), (low, -1.0))
+    return [{"angle": angle, "stiffness": stiffness, "damping": 0.0, "side": side} for angle, side in walls]
+
+
+KIND = EffectKind(
+    name="contact",
+    text="a wall on one side of the link: a spring and a damper that never pull",
+    term="-side max(stiffness depth + damping d(depth)/dt, 0), depth = side (q - angle) > 0",
+    confused_with="spring_law: starts at one link angle",
+    sites=("environment",),
+    parameters=(
+        EffectParameter("angle", "rad", -10.0, 10.0, 0.0, "of the wall", slot="contact_angle"),
+        EffectParameter("stiffness", "N m/rad", 0.0, 1e6, 0.0, "of the wall", True, slot="contact_stiffness"),
+        EffectParameter("damping", "N m s/rad", 0.0, 1e4, 0.0, "of the wall", True, slot="contact_damping"),
+        EffectParameter(
+            "side", "-", -1.0, 1.0, 1.0, "1: wall at larger angles, -1: at smaller ones", slot="contact_side"
+        ),
+    ),
+    slots=(
+        Slot("contact_stiffness", "N m/rad", "of a wall; 0: no wall"),
+        Slot("contact_damping", "N m s/rad", "of the wall; it never pulls"),
+        Slot("contact_angle", "rad", "of the wall"),
+        Slot("contact_side", "-", "1: wall at larger angles, -1: at smaller ones", 1, 1.0),
+    ),
+    write=_write,
+    starts=grid("stiffness", at=_starts),
+)
