@@ -72,7 +72,8 @@ def remove(executor: Any, node: Any) -> None:
     executor.remove_node(node)
     for _ in range(2):
         reached = executor.create_task(lambda: None)
-        executor.spin_until_future_complete(reached, timeout_sec=FOREVER)
+        while not reached.done():  # in short pieces: Python handles no signal while the executor waits
+            executor.spin_until_future_complete(reached, timeout_sec=PATIENCE)
 
 
 def close_all(nodes: Iterable[Any], failed: bool = False) -> None:
