@@ -18,7 +18,7 @@ from numba import njit
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array, locked
-from via_core.springs import spring_stiffness, spring_torque
+from via_core.spring_equations import spring_stiffness, spring_torque
 
 from via_controllers.contract import (
     ArmController,

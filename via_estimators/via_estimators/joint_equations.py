@@ -31,7 +31,8 @@ from via_core.device_parts import ServoMotor, TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
-from via_core.springs import MACCEPA, TWO_LEVER, SpringLaw
+from via_core.spring_equations import MACCEPA, TWO_LEVER
+from via_core.springs import SpringLaw
 
 from via_estimators.joint_record import Record
 

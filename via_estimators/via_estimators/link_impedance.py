@@ -37,7 +37,8 @@ from via_core.device_parts import ServoMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
-from via_core.springs import SpringLaw, spring_stiffness, spring_torque
+from via_core.spring_equations import spring_stiffness, spring_torque
+from via_core.springs import SpringLaw
 from via_core.status import BAD_SAMPLE, NOT_EXCITED, OK, OUTSIDE_RANGE, WARMING_UP
 
 from via_estimators import coloured, servo_models, transmissions, window

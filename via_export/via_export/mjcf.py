@@ -18,7 +18,7 @@ from itertools import pairwise
 from math import cos, isfinite, pi, sin, sqrt
 
 from via_core.device_parts import Maccepa, TwoLever
-from via_core.springs import N_COEFFICIENTS, spring_torque
+from via_core.spring_equations import N_COEFFICIENTS, spring_torque
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 from via_sim.plants import GRAVITY
 

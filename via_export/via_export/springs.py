@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 from via_core.signals import Array
-from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER, spring_stiffness, spring_torque
+from via_core.spring_equations import MACCEPA, N_COEFFICIENTS, TWO_LEVER, spring_stiffness, spring_torque
 from via_sim.joint.parameters import P
 
 from via_export.target import Target

@@ -11,7 +11,7 @@ import numpy as np
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array
-from via_core.springs import MACCEPA, TWO_LEVER
+from via_core.spring_equations import MACCEPA, TWO_LEVER
 from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.effects import Effect
 from via_sim.joint.parameters import LINK, MOTOR_1, SERVO, P

@@ -8,7 +8,7 @@ from sim_joints import SIZES, antagonistic, device, flexible, positioned, rigid,
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
-from via_core.springs import N_COEFFICIENTS
+from via_core.spring_equations import N_COEFFICIENTS
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
 from via_sim.effects.files import effects_text, load_effects, parse_effects, save_effects

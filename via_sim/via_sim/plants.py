@@ -13,7 +13,8 @@ from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
-from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER, SpringLaw
+from via_core.spring_equations import MACCEPA, N_COEFFICIENTS, TWO_LEVER
+from via_core.springs import SpringLaw
 
 from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.catalogue.transmission.gear_error import GEAR_HARMONICS

@@ -16,7 +16,7 @@ from numba import njit
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array
-from via_core.springs import spring_torque
+from via_core.spring_equations import spring_torque
 
 SHARP = 0.01  # [rad/s] below which dry friction is linear in the speed
 

@@ -29,13 +29,11 @@ from via_core.errors import ParameterError
 from via_core.servos import servo_acceleration
 from via_core.signals import Array
 from via_sim.joint.actuation import couple, servo_bandwidth
-from via_sim.joint.compiled import bare, inlined
+from via_sim.joint.compiled import inlined
 from via_sim.joint.encoders import read_motion, true_motion
-from via_sim.joint.friction import breakaway, dry_friction, has_friction, viscous_friction
+from via_sim.joint.friction import breakaway, has_friction, viscous_friction
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, FULL, GOAL, MODE, N_INPUTS, N_MODES, NEIGHBOUR, POWER, U, X
-from via_sim.joint.measurements import hermite
 from via_sim.joint.parameters import ABSENT, DYNAMIC, N_PARAMETERS, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
-from via_sim.joint.position_drive import followed, mean_followed
 from via_sim.joint.torques import (
     compiled,
     counter_torque,
@@ -49,6 +47,7 @@ from via_sim.joint.torques import (
     transmission_torque,
 )
 
+from via_gap.residual.cells import ahead, mean_goal, slipping_friction
 from via_gap.residual.record import Record
 
 STANDING = 0.02  # [rad/s] speed below which an axis is nearly at standstill
@@ -120,56 +119,6 @@ def _has_memory(p: Array) -> bool:
     return bool(p[P.lag] > 0.0 or limited or np.any(bristles > 0.0) or np.any(slips > 0.0))
 
 
-@bare
-def _ahead(time: Array, angle: Array, velocity: Array, axis: int, n: int, skew: float) -> tuple[float, float]:
-    """Measured angle and velocity of an axis `skew` [s] after sample n, interpolated."""
-    when, k, last = time[n] + skew, n, time.size - 1
-    while k < last - 1 and time[k + 1] < when:
-        k += 1
-    if k == last or time[last] < when:
-        return angle[last, axis] + (when - time[last]) * velocity[last, axis], velocity[last, axis]
-    h = time[k + 1] - time[k]
-    a, b = angle[k, axis], angle[k + 1, axis]
-    return hermite(a, velocity[k, axis], b, velocity[k + 1, axis], h, (when - time[k]) / h)
-
-
-@bare
-def _slipping(p: Array, axis: int, before: float, speed: float, after: float, load: float, counter: float) -> float:
-    """Mean dry friction [N m] on a slipping axis over a cell in which the velocity may change its sign."""
-    swing = 0.25 * abs(after - before)  # change of velocity over half a cell
-    if isfinite(swing) and abs(speed) < swing:
-        forwards = 0.5 * (1.0 + speed / swing)
-    else:
-        forwards = 1.0 if speed > 0.0 else (0.0 if speed < 0.0 else 0.5)
-    friction = 0.0
-    if forwards > 0.0:
-        friction += forwards * dry_friction(p, axis, 1, abs(speed), load, counter)
-    if forwards < 1.0:
-        friction -= (1.0 - forwards) * dry_friction(p, axis, -1, abs(speed), load, counter)
-    return friction
-
-
-@bare
-def _mean_goal(p: Array, late: Array, measured: float, width: float, x: Array, u: Array) -> None:
-    """Mean goal of a position drive over a cell of `width` [s], and the share of time that the drive is on, into u.
-
-    late (N_COMMANDS,): means of the commands; measured [rad]: goal of a drive that is off. x holds the goal behind the
-    speed limit and behind the lag, here both absolute [rad].
-    """
-    u[U.on] = late[POWER]
-    if u[U.on] <= 0.0:
-        x[X.behind] = x[X.lag] = u[U.acting] = measured
-        return
-    commanded = late[GOAL] / u[U.on]
-    u[U.acting] = mean_followed(p, commanded, x[X.behind], width)
-    x[X.behind] = followed(p, commanded, x[X.behind], width)
-    if p[P.lag] > 0.0:
-        passed = u[U.acting] + (x[X.lag] - u[U.acting]) * exp(-width / p[P.lag])
-        if width > 0.0:
-            u[U.acting] -= p[P.lag] * (passed - x[X.lag]) / width
-        x[X.lag] = passed
-
-
 @compiled
 def walk(
     p: Array, time: Array, angle: Array, velocity: Array, late: Array, prompt: Array, wanted: Any, out: Array
@@ -227,7 +176,7 @@ def _load_motion(p: Array, log: _Log, n: int, width: float, work: _Work) -> None
         if p[P.axis_kind + axis] != ABSENT:
             y[axis], y[3 + axis] = log.angle[n, axis], log.velocity[n, axis]
             if p[P.skew + axis] > 0.0:
-                y[axis], y[3 + axis] = _ahead(log.time, log.angle, log.velocity, axis, n, p[P.skew + axis])
+                y[axis], y[3 + axis] = ahead(log.time, log.angle, log.velocity, axis, n, p[P.skew + axis])
             y[axis], y[3 + axis] = true_motion(p, axis, y[axis], y[3 + axis])
         if n == 0 or not isfinite(x[axis]):
             x[axis] = y[axis]
@@ -237,7 +186,7 @@ def _load_motion(p: Array, log: _Log, n: int, width: float, work: _Work) -> None
         measured, _ = read_motion(p, 0, y[0], y[3])
         if n == 0:
             x[X.behind] = x[X.lag] = late[GOAL] / late[POWER] if late[POWER] > 0.0 else measured
-        _mean_goal(p, late, measured, width, x, u)
+        mean_goal(p, late, measured, width, x, u)
         u[DAMPING] += u[U.on] * p[P.drive_damping]
     if modes[MODE.rare] != 0 and isfinite(y[0] + y[1] + y[2]):
         remember(p, modes, x, y)
@@ -266,7 +215,7 @@ def _store_torques(
             if has_friction(p, axis):
                 counter = counter_torque(p, modes, u, axis, x[0], x[3])
                 before, after = log.velocity[max(n - 1, 0), axis], log.velocity[min(n + 1, last), axis]
-                friction = _slipping(p, axis, before, x[3 + axis], after, load, counter)
+                friction = slipping_friction(p, axis, before, x[3 + axis], after, load, counter)
                 most = breakaway(p, axis, 1, load, counter)
                 capacity = 0.5 * (most + breakaway(p, axis, -1, load, counter))
             torque = torques[axis] - viscous_friction(p, axis, u[DAMPING]) * x[3 + axis] - friction

@@ -21,7 +21,7 @@ from types import MappingProxyType
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
-from via_core.springs import MACCEPA, TWO_LEVER
+from via_core.spring_equations import MACCEPA, TWO_LEVER
 
 from via_sim.catalogue import EFFECTS
 from via_sim.catalogue.kinds import EffectKind

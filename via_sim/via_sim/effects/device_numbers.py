@@ -12,7 +12,7 @@ from math import isfinite
 
 from via_core.errors import ParameterError
 from via_core.signals import Array
-from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL
+from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL
 
 from via_sim.catalogue.kinds import EffectKind, EffectParameter
 from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, P

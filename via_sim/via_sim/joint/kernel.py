@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from via_core.dampers import damper_value
 from via_core.signals import Array
-from via_core.springs import N_COEFFICIENTS
+from via_core.spring_equations import N_COEFFICIENTS
 
 from via_sim.joint.actuation import couple, lagged, supply
 from via_sim.joint.encoders import read_motion

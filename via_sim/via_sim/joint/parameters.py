@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from via_core.dampers import N_DAMPER_COEFFICIENTS
 from via_core.signals import Array
-from via_core.springs import N_COEFFICIENTS
+from via_core.spring_equations import N_COEFFICIENTS
 
 from via_sim.catalogue import EFFECTS
 from via_sim.catalogue.kinds import Slot

@@ -23,7 +23,7 @@ from math import copysign, inf, sin
 from typing import Any
 
 from via_core.signals import Array
-from via_core.springs import (
+from via_core.spring_equations import (
     N_COEFFICIENTS,
     ODD_POLYNOMIAL,
     odd_polynomial,

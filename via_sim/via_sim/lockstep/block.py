@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from via_core.signals import Array
-from via_core.springs import N_COEFFICIENTS
+from via_core.spring_equations import N_COEFFICIENTS
 
 from via_sim.joint.compiled import bare
 from via_sim.joint.parameters import P

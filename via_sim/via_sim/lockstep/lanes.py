@@ -6,7 +6,7 @@ from math import exp, floor, inf
 
 from via_core.dampers import damper_value
 from via_core.signals import Array
-from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, SINH
+from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, SINH
 
 from via_sim.joint.compiled import bare
 from via_sim.joint.friction import feels_both_sides, has_friction

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from via_core.signals import Array
-from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
+from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.joint.compiled import bare
 from via_sim.joint.parameters import AT_TRANSMISSION, P

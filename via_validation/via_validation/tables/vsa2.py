@@ -17,7 +17,8 @@ from scipy.interpolate import CubicSpline
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device, load_device
 from via_core.signals import Array
-from via_core.springs import OddPolynomialSpring, SpringLaw, spring_stiffness, spring_torque
+from via_core.spring_equations import spring_stiffness, spring_torque
+from via_core.springs import OddPolynomialSpring, SpringLaw
 
 VARIANTS = {"v1": "vsa2", "v2": "vsa2_v2", "v3": "vsa2_v3"}  # links: (C, M, m g d) are not printed; chosen
 INERTIA, DAMPING = 7.5e-3, 0.9e-3  # true B_A [kg m^2], D_A [N m s/rad]; device files have the nominal ones
