@@ -140,10 +140,10 @@ class InverseDynamics:
         terms = equation_torques(row, self.windows.record, self.inside)
         parts = []
         for axis, floor in zip(self.windows.axes, self.windows.floor, strict=True):
-            parts.append(self._missing_at(terms, axis) / (floor * self._passed(row, axis)))
+            parts.append(self._missing_at(terms, axis) / (floor * self._passed(row, terms, axis)))
         return np.concatenate(parts, axis=1)
 
-    def _passed(self, row: Array, axis: int) -> float:
+    def _passed(self, row: Array, terms: EquationTorques, axis: int) -> float:
         """Share of the drive's torque that acts on an axis under a row: 1 unless an effect reduces it.
 
         With a drive that is weak, saturated, slow or balanced by load-dependent friction, little torque would be
@@ -153,8 +153,8 @@ class InverseDynamics:
         if behind_springs or np.array_equal(row[TAKING], self.nominal[TAKING]):
             return 1.0
         windows, which = self.windows, self.windows.axes.index(axis)
-        both = [equation_torques(row, each, self.inside) for each in (windows.record, windows.undriven[which])]
-        acts, sent = both[0].torque[:, axis] - both[1].torque[:, axis], windows.drive[self.inside, which]
+        undriven = equation_torques(row, windows.undriven[which], self.inside)
+        acts, sent = terms.torque[:, axis] - undriven.torque[:, axis], windows.drive[self.inside, which]
         share = float(np.linalg.norm(self.over(acts, 0))) / max(float(np.linalg.norm(self.over(sent, 0))), SMALLEST)
         return max(share, LEAST_GAIN)
 
