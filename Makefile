@@ -2,11 +2,12 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup workspace demo test test-all check docs bench blind results mutants clean
+.PHONY: help setup workspace demo test test-all check docs bench blind results soak mutants clean
 
 ENV := source ros2_ws/env.sh;
 WORKERS ?= 2
 TESTS ?=
+SOAK ?= 1800
 # The plug-ins of launch are of no use here and would be loaded by every worker.
 PYTEST = python -m pytest -n $(WORKERS) --dist loadscope -p no:launch_testing -p no:launch_pytest \
 	-p no:launch_testing_ros_pytest_entrypoint
@@ -48,6 +49,9 @@ blind: setup ## diagnose and score 30 joints of the second simulator, keys seale
 results: setup ## rewrite docs/results: tables of the research document, comparison, change, faults (about half an hour)
 	@$(ENV) via tables --write docs/results && via compare --seeds 10 --write docs/results && \
 		via changes --seeds 3 --write docs/results && via faults --write docs/results
+
+soak: setup ## run the live graph at 1 kHz for SOAK=1800 seconds; write docs/results/soak-live.md
+	@$(ENV) via soak --seconds $(SOAK) --write docs/results
 
 mutants: setup ## plant 200 small errors in the numerical heart and count those that the tests notice (some hours)
 	@$(ENV) rm -rf out/mutants && via mutants --processes $(WORKERS) --write docs/results
