@@ -2,14 +2,18 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup workspace demo test check docs bench blind results mutants clean
+.PHONY: help setup workspace demo test test-all check docs bench blind results soak mutants clean
 
 ENV := source ros2_ws/env.sh;
 WORKERS ?= 2
 TESTS ?=
+SOAK ?= 1800
+# The plug-ins of launch are of no use here and would be loaded by every worker.
+PYTEST = python -m pytest -n $(WORKERS) --dist loadscope -p no:launch_testing -p no:launch_pytest \
+	-p no:launch_testing_ros_pytest_entrypoint
 
 help: ## show this list
-	@sed -nE 's/^([a-z]+):.*## (.*)/make \1@\2/p' Makefile | column -t -s @
+	@sed -nE 's/^([a-z-]+):.*## (.*)/make \1@\2/p' Makefile | column -t -s @
 
 setup: workspace ## make .venv and the colcon workspace, compile kernels (PYTHON=/path/to/python3.12 chooses the interpreter)
 	@$(ENV) python -m via_bringup.compile_kernels
@@ -20,8 +24,11 @@ workspace:
 demo: setup ## estimate and diagnose recordings of a real robot, run a simulated joint; write out/demo/index.html
 	@$(ENV) via demo
 
-test: workspace ## run all tests (TESTS="via_ros/test tests/test_sim_node.py" for some, WORKERS=2)
-	@$(ENV) python -m pytest -n $(WORKERS) --dist loadscope -p no:launch_testing -p no:launch_pytest -p no:launch_testing_ros_pytest_entrypoint $(TESTS)
+test: workspace ## run the quick tests: all but those marked slow (TESTS="via_ros/test tests/test_sim_node.py" for some, WORKERS=2)
+	@$(ENV) $(PYTEST) -m "not slow" $(TESTS)
+
+test-all: workspace ## run every test, as continuous integration does (TESTS and WORKERS as above; half an hour on two cores)
+	@$(ENV) $(PYTEST) $(TESTS)
 
 check: workspace ## check style, types, import rules, machine paths and the documentation site
 	@$(ENV) ros2_ws/check.sh
@@ -42,6 +49,9 @@ blind: setup ## diagnose and score 30 joints of the second simulator, keys seale
 results: setup ## rewrite docs/results: tables of the research document, comparison, change, faults (about half an hour)
 	@$(ENV) via tables --write docs/results && via compare --seeds 10 --write docs/results && \
 		via changes --seeds 3 --write docs/results && via faults --write docs/results
+
+soak: setup ## run the live graph at 1 kHz for SOAK=1800 seconds; write docs/results/soak-live.md
+	@$(ENV) via soak --seconds $(SOAK) --write docs/results
 
 mutants: setup ## plant 200 small errors in the numerical heart and count those that the tests notice (some hours)
 	@$(ENV) rm -rf out/mutants && via mutants --processes $(WORKERS) --write docs/results

@@ -13,7 +13,7 @@ if [ -f "$_via_venv/bin/activate" ]; then
         # ROS from wheels. Without LD_LIBRARY_PATH and the bootstrap flag, every Python process restarts itself to set
         # them. A child that inherits only one of them cannot load ROS, so both are set here.
         _via_libraries=$_via_venv/lib
-        for _via_each in "$_via_venv"/lib/python3.1[12]/site-packages/ros_*.libs; do
+        for _via_each in "$_via_venv"/lib/python3.1[123]/site-packages/ros_*.libs; do
             _via_libraries=$_via_libraries:$_via_each
         done
         export AMENT_PREFIX_PATH=$_via_venv

@@ -51,7 +51,7 @@ flock 9
 # --- which ROS, which Python ------------------------------------------------------------------------------------------
 
 version() { "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null; }
-suits() { case "$(version "$1")" in 3.11 | 3.12) ;; *) return 1 ;; esac; }
+suits() { case "$(version "$1")" in 3.11 | 3.12 | 3.13) ;; *) return 1 ;; esac; }
 
 ros=wheels
 if [ "${ROS_DISTRO:-}" = jazzy ] && [ -z "${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ]; then
@@ -65,22 +65,22 @@ fi
 
 choose_python() {
     if [ -n "${PYTHON:-}" ]; then
-        command -v "$PYTHON" >/dev/null || fail "PYTHON=$PYTHON is not there; give the path of a Python 3.11 or 3.12"
-        version "$PYTHON" >/dev/null || fail "PYTHON=$PYTHON does not run; give the path of a Python 3.11 or 3.12"
-        suits "$PYTHON" || fail "PYTHON=$PYTHON is Python $(version "$PYTHON"); VIA needs 3.11 or 3.12"
+        command -v "$PYTHON" >/dev/null || fail "PYTHON=$PYTHON is not there; give the path of a Python 3.11, 3.12 or 3.13"
+        version "$PYTHON" >/dev/null || fail "PYTHON=$PYTHON does not run; give the path of a Python 3.11, 3.12 or 3.13"
+        suits "$PYTHON" || fail "PYTHON=$PYTHON is Python $(version "$PYTHON"); VIA needs 3.11, 3.12 or 3.13"
         python=$PYTHON
         return
     fi
     # Candidates must run: pyenv has shims even for versions that are not selected.
     local candidate
-    for candidate in python3.12 python3.11 python3; do
+    for candidate in python3.12 python3.11 python3.13 python3; do
         [ $ros = jazzy ] && [ $candidate != python3 ] && continue
         if suits "$candidate"; then
             python=$candidate
             return
         fi
     done
-    fail "no Python 3.11 or 3.12 found (python3 is $(version python3 || echo missing)); install one, or: make setup PYTHON=/path/to/python3.12"
+    fail "no Python 3.11, 3.12 or 3.13 found (python3 is $(version python3 || echo missing)); install one, or: make setup PYTHON=/path/to/python3.12"
 }
 
 check_python() {

@@ -1,9 +1,11 @@
-"""A late reader receives every later message; sockets listen on the loopback interface unless opened."""
+"""A late reader receives every later message; nodes use UDP on the loopback interface unless opened."""
 
 import os
 import subprocess
 import sys
+from contextlib import contextmanager
 from importlib.resources import files
+from pathlib import Path
 from xml.etree import ElementTree
 
 import psutil
@@ -39,19 +41,94 @@ node = rclpy.create_node("node")
 print("ready", flush=True)
 sys.stdin.read()
 """
+PLAIN = """
+import rclpy, select, sys
+from std_msgs.msg import Float64
+rclpy.init()
+publisher = rclpy.create_node("plain").create_publisher(Float64, "/plain", 10)
+while not select.select([sys.stdin], [], [], 0.05)[0]:
+    publisher.publish(Float64(data=1.0))
+"""
+READ = (middleware.RANGE, middleware.PROFILE, middleware.TRANSPORTS)
 
 
-@pytest.mark.parametrize(("opened", "everywhere"), [({}, False), ({middleware.RANGE: "SUBNET"}, True)])
-def test_sockets_of_discovery_listen_on_the_loopback_interface_unless_opened(domain, opened, everywhere):
-    own = {key: value for key, value in os.environ.items() if key not in (middleware.RANGE, middleware.PROFILE)}
+def ports(domain):
+    """Ports of `domain`, by the DDS standard."""
+    return range(7400 + 250 * domain, 7400 + 250 * (domain + 1))
+
+
+@contextmanager
+def running_node(**given):
+    """The process of a node whose environment holds `given` and nothing else that the middleware reads."""
+    own = {key: value for key, value in os.environ.items() if key not in READ}
     with subprocess.Popen(
-        [sys.executable, "-c", NODE], env=own | opened, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", NODE], env=own | given, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as node:
         assert node.stdout.readline() == "ready\n"
-        ports = range(7400 + 250 * domain, 7400 + 250 * (domain + 1))  # of this domain, by the DDS standard
-        found = [each.laddr for each in psutil.Process(node.pid).net_connections() if each.laddr.port in ports]
+        yield psutil.Process(node.pid)
         node.stdin.close()
-    assert found and any(each.ip != "127.0.0.1" for each in found) == everywhere
+
+
+LOCAL = [{}, {middleware.RANGE: "LOCALHOST"}]
+OPENED = [
+    {middleware.RANGE: "SUBNET"},
+    {
+        middleware.RANGE: "SUBNET",
+        middleware.PROFILE: str(Path(middleware.__file__).resolve().with_name("fastdds_localhost.xml")),
+    },
+]
+
+
+@pytest.mark.parametrize("given", LOCAL)
+def test_all_sockets_of_a_node_are_on_the_loopback_interface(domain, given):
+    with running_node(**given) as node:
+        addresses = [each.laddr for each in node.net_connections()]
+    assert {each.ip for each in addresses} == {"127.0.0.1"}
+    assert any(each.port in ports(domain) for each in addresses)
+
+
+@pytest.mark.parametrize("given", OPENED)
+def test_discovery_can_be_opened_also_by_the_child_of_a_limited_process(domain, given):
+    with running_node(**given) as node:
+        found = [each.laddr.ip for each in node.net_connections() if each.laddr.port in ports(domain)]
+    assert "0.0.0.0" in found
+
+
+@pytest.mark.parametrize("given", LOCAL + OPENED)
+def test_no_node_opens_shared_memory_of_the_middleware(domain, given):
+    with running_node(**given) as node:
+        mapped = [each.path for each in node.memory_maps()]
+    assert mapped and not [each for each in mapped if each.startswith("/dev/shm/fast")]
+
+
+def test_a_node_finds_one_of_plain_ros_on_this_host(graph):
+    """A process that knows nothing of the profile, with the discovery range of the environment file."""
+    own = {key: value for key, value in os.environ.items() if key not in READ} | {middleware.RANGE: "LOCALHOST"}
+    listener = graph.node("listener")
+    heard = []
+    listener.create_subscription(Float64, "/plain", lambda message: heard.append(message.data), qos.SAMPLES)
+    with subprocess.Popen([sys.executable, "-c", PLAIN], env=own, stdin=subprocess.PIPE, text=True) as talker:
+        try:
+            graph.until(lambda: bool(heard))
+        finally:
+            talker.stdin.close()
+    assert set(heard) == {1.0}
+
+
+def test_a_profile_of_the_user_has_priority(monkeypatch, tmp_path):
+    monkeypatch.setenv(middleware.RANGE, "LOCALHOST")
+    monkeypatch.setenv(middleware.PROFILE, str(tmp_path / "own.xml"))
+    middleware.prepare()
+    assert (os.environ[middleware.RANGE], os.environ[middleware.PROFILE]) == ("LOCALHOST", str(tmp_path / "own.xml"))
+
+
+def test_another_middleware_keeps_the_range(monkeypatch):
+    """To a middleware that does not read the profile, SYSTEM_DEFAULT would mean the whole subnet."""
+    monkeypatch.setattr(middleware, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
+    monkeypatch.delenv(middleware.RANGE)
+    monkeypatch.delenv(middleware.PROFILE)
+    middleware.prepare()
+    assert os.environ[middleware.RANGE] == "LOCALHOST" and middleware.PROFILE not in os.environ
 
 
 def test_the_environment_file_limits_discovery_unless_opened(root):

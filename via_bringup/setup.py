@@ -6,7 +6,7 @@ package = "via_bringup"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Launch files, parameter files, the demo and the via command.",
     license="Apache-2.0",
     maintainer="VIA maintainers",

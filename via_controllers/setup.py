@@ -15,7 +15,7 @@ def controllers():
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Controllers of joints and arms, one per file, and their nodes.",
     license="Apache-2.0",
     maintainer="VIA maintainers",

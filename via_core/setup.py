@@ -4,7 +4,7 @@ package = "via_core"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Notation, signals, spring laws, devices, weak-form kernels and bags; no ROS.",
     license="Apache-2.0",
     maintainer="VIA maintainers",

@@ -18,7 +18,7 @@ def methods():
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Estimators of stiffness, damping and motor parameters, one algorithm per file, and their nodes.",
     license="Apache-2.0",
     maintainer="VIA maintainers",

@@ -4,7 +4,7 @@ package = "via_export"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Export of devices and effects to MuJoCo, URDF, SDF, Isaac Lab, BAM and ros2_control.",
     license="Apache-2.0",
     maintainer="VIA maintainers",

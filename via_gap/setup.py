@@ -4,7 +4,7 @@ package = "via_gap"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="The gap between a simulated and a real joint: measured, reported.",
     license="Apache-2.0",
     maintainer="VIA maintainers",

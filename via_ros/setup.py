@@ -4,7 +4,7 @@ package = "via_ros"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="The shared ROS code: conversions, parameters, QoS, spin, recorder and player.",
     license="Apache-2.0",
     maintainer="VIA maintainers",

@@ -4,7 +4,7 @@ package = "via_sim"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Plants of variable impedance joints, effects, integrators and the simulator node.",
     license="Apache-2.0",
     maintainer="VIA maintainers",

@@ -4,7 +4,7 @@ package = "via_validation"
 
 setup(
     name=package,
-    version="0.1.0",
+    version="0.2.0",
     description="Proof of the suite: second simulator, sealed benchmark, tables, comparison, benchmarks, real robots.",
     license="Apache-2.0",
     maintainer="VIA maintainers",

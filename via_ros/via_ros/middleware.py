@@ -1,11 +1,14 @@
 """Environment of the middleware: discovery on this host only, UDP, unlimited readers, and frequent heartbeats.
 
 Discovery: ROS 2 looks for nodes in the whole subnet by default, so that another machine could command a robot. Here it
-is limited to this host, and sockets listen on the loopback interface only. ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET opens
-it. A value or a profile file that the user has set has priority.
+is limited to this host: sockets listen on the loopback interface only, and no multicast is sent.
+ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET opens it. A profile file that the user has set has priority.
 
 UDP: the shared memory transport of Fast DDS waits up to a second for a reader whose process was killed, and publishing
-waits with it. UDP is not slower for small messages.
+waits with it; a killed process also leaves its segments in /dev/shm. UDP is not slower for small messages.
+For LOCALHOST, rmw_fastrtps adds a UDP transport on all interfaces and shared memory to those of the profile, whatever
+the environment says. The profile fastdds_localhost.xml therefore states the limit itself (loopback addresses, peers on
+this host), and rmw_fastrtps is told to add nothing: SYSTEM_DEFAULT. Processes that this one starts inherit both.
 
 Readers: a reliable reader that joins a topic after more than 5000 messages receives nothing until the writer's history
 has been replaced: at 1 kHz and a history of 1000, a late recorder loses its first second. 5000 is the reader's default
@@ -21,15 +24,29 @@ from __future__ import annotations
 
 import os
 from importlib.resources import files
+from pathlib import Path
+
+from rclpy.utilities import get_rmw_implementation_identifier
 
 PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
-RANGE, LOCAL = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
+RANGE, LOCAL, PROFILE_DECIDES = "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST", "SYSTEM_DEFAULT"
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 
 
 def prepare() -> None:
-    """Set what is not set yet; call before the first context of the process is initialised."""
+    """Set what the user has not set; call before the first context of the process is initialised."""
     discovery = os.environ.setdefault(RANGE, LOCAL)
+    if not get_rmw_implementation_identifier().startswith("rmw_fastrtps"):
+        return
     os.environ.setdefault(TRANSPORTS, "UDPv4")
-    profile = "fastdds_localhost.xml" if discovery == LOCAL else "fastdds.xml"
-    os.environ.setdefault(PROFILE, str(files("via_ros").joinpath(profile)))
+    # Resolved, since a process and its children may import the package from a source folder and from its installation.
+    opened, local = (
+        str(Path(str(files("via_ros"))).resolve() / name) for name in ("fastdds.xml", "fastdds_localhost.xml")
+    )
+    given = os.environ.get(PROFILE)
+    if given not in (None, opened, local):
+        return
+    if discovery == LOCAL or (discovery == PROFILE_DECIDES and given == local):
+        os.environ.update({PROFILE: local, RANGE: PROFILE_DECIDES})
+    else:
+        os.environ[PROFILE] = opened

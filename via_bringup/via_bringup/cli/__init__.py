@@ -82,6 +82,10 @@ COMMANDS = {
         "via_bringup.cli.ros.watch:watch",
         "Show rate, stiffness, damping, status, gap and causes of every joint, and the warnings of all nodes, live.",
     ),
+    "layout": Entry(
+        "via_bringup.cli.layout:layout",
+        "Write a layout for Foxglove or PlotJuggler that shows samples, commands, estimates and gap of a joint.",
+    ),
     "bag import": Entry(
         "via_bringup.cli.bag:import_folder",
         "Convert recordings to bags; refuse unusable ones and list the reasons.",

@@ -23,6 +23,10 @@ COMMANDS = {
         "via_validation.commands.reliability:reliability",
         "Inject faults into the live graph and check what each node does (five minutes).",
     ),
+    "soak": Entry(
+        "via_validation.commands.soak:soak",
+        "Run the live graph at 1 kHz and check that no message is lost and no memory grows (30 minutes).",
+    ),
     "fuzz": Entry(
         "via_validation.commands.fuzz:fuzz",
         "Damage files and give them to the loaders: each must be read or refused in one line.",
