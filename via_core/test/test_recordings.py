@@ -207,6 +207,9 @@ def test_names_are_split_into_words_and_units() -> None:
     assert split_name("vel_deg_per_s")[1] == "deg/s"
     assert split_name("j1_speed_deg_s") == (["j", "1", "speed"], "deg/s")
     assert split_name("x_vel_mm_s")[1] == "mm/s"
+    assert split_name("ElbowSpeed_dps") == (["elbow", "speed"], "dps") and factor("dps") == pytest.approx(pi / 180.0)
+    assert split_name("ElbowAngleDeg") == (["elbow", "angle"], "deg")
+    assert split_name("MotorSpeed")[1] == ""
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
@@ -291,6 +294,23 @@ def test_numbers_of_columns_are_those_of_the_motors_of_a_device(tmp_path: Path) 
     assert found[shaft][0] == pytest.approx(columns["q"][5])
     assert found[first] == pytest.approx((columns["theta_1"][5], columns["tau_1"][5]))
     assert found[second] == pytest.approx((columns["theta_2"][5], columns["tau_2"][5]))
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit"), [(1.0, "rad/s"), (180.0 / pi, "deg/s"), (30.0 / pi, "rpm"), (0.5 / pi, "turn/s")]
+)
+def test_the_unit_of_a_speed_follows_from_the_change_of_the_position(scale: float, unit: str) -> None:
+    noise = np.random.default_rng(0).normal(0.0, 0.3, N)
+    frame = pandas.DataFrame({"t": TIME, "pos": ANGLE, "vel": scale * (SPEED + noise)})
+    found = {guess.column: guess for guess in guess_columns({"": frame})}
+    assert (found["vel"].quantity, found["vel"].unit) == ("velocity", unit)
+
+
+def test_a_speed_that_is_not_the_change_of_the_position_is_pointed_out() -> None:
+    for wrong in (-SPEED, 3.0 * SPEED):
+        tables = {"": pandas.DataFrame({"t": TIME, "pos": ANGLE, "vel": wrong})}
+        (guess,) = (each for each in guess_columns(tables) if each.column == "vel")
+        assert guess.unit == "rad/s" and "check" in guess.reason
 
 
 def test_the_end_of_a_name_that_looks_like_seconds_is_no_unit_of_a_speed() -> None:

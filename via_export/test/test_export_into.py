@@ -93,6 +93,33 @@ def test_motors_and_springs_are_placed_at_the_joint(robot: Path, name: str) -> N
     assert data.qfrc_passive[model.dofs[0]] == pytest.approx(torque, rel=2e-3)
 
 
+def test_a_replaced_motor_keeps_its_limits(robot: Path) -> None:
+    device = load_device("dfki_simple_pendulum")
+    robot.write_text(ROBOT.replace('gear="2"', 'gear="2" ctrlrange="-3 4" forcerange="-2.5 5"'))
+    model = mujoco.MjModel.from_xml_string(export(device, (), "mjcf", into=robot, joint="shoulder").text)
+    drive = model.actuator("torque")
+    assert drive.ctrllimited and drive.ctrlrange == pytest.approx([-6.0, 8.0])  # torques at the joint
+    assert drive.forcelimited and drive.forcerange == pytest.approx([-5.0, 10.0])
+    limited = [Effect("torque_saturation", "motor", {"limit": 7.0}, 1)]
+    model = mujoco.MjModel.from_xml_string(export(device, limited, "mjcf", into=robot, joint="shoulder").text)
+    assert model.actuator("torque").ctrlrange == pytest.approx([-6.0, 7.0])
+
+
+def test_a_replaced_position_drive_keeps_the_range_of_its_goals(robot: Path) -> None:
+    servo = '<position name="torque" joint="shoulder" gear="2" kp="3" ctrlrange="-1 2"/>'
+    robot.write_text(ROBOT.replace('<motor name="torque" joint="shoulder" gear="2"/>', servo))
+    model = mujoco.MjModel.from_xml_string(export(load_device("xl330"), (), "mjcf", into=robot, joint="shoulder").text)
+    assert model.actuator("torque").ctrlrange == pytest.approx([-0.5, 1.0])  # [rad]
+
+
+@pytest.mark.parametrize(("side", "ends"), [(1.0, (-170.0, 40.0)), (-1.0, (40.0, 170.0))])
+def test_a_wall_replaces_one_end_of_the_range(robot: Path, side: float, ends: tuple[float, float]) -> None:
+    wall = Effect("contact", "environment", {"angle": np.radians(40.0), "stiffness": 300.0, "damping": 1.0, "side": side})
+    made = export(load_device("dfki_simple_pendulum"), [wall], "mjcf", into=robot, joint="shoulder")
+    assert np.degrees(mujoco.MjModel.from_xml_string(made.text).joint("shoulder").range) == pytest.approx(ends)
+    assert any("replaced by the wall" in note for note in made.notes)
+
+
 def test_a_urdf_keeps_its_limits_and_gets_friction_and_payload(tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     path.write_text(URDF)
