@@ -12,6 +12,7 @@ from scipy.io import savemat
 from via_core.bags.definitions import typestore_of
 from via_core.bags.importing import import_recordings
 from via_core.bags.joints import joint_signals
+from via_core.bags.mapping import load_mapping
 from via_core.bags.reader import read_bag
 from via_core.devices import parse_device
 from via_core.errors import DeviceError, ImportMapError, ParameterError, SignalError
@@ -272,7 +273,38 @@ def test_a_mapping_is_written_that_imports_the_file(tmp_path: Path) -> None:
         assert report.accepted, report.reasons
         states = read_bag(report.bag or "")["/joint_states"]
         np.testing.assert_allclose(states["position"][:, 0], ANGLE, atol=1e-12)
-        np.testing.assert_allclose(states["effort"][:, 0], TORQUE, atol=1e-12)
+        # A row has the torque from its stamp on, a message the torque until its stamp.
+        np.testing.assert_allclose(states["effort"][1:, 0], TORQUE[:-1], atol=1e-12)
+        assert np.isnan(states["effort"][0, 0])
+
+
+def test_a_table_and_its_bag_have_the_same_torque_at_the_same_time(tmp_path: Path) -> None:
+    pandas.DataFrame({"t": TIME, "pos": ANGLE, "torque": TORQUE}).to_csv(tmp_path / "run.csv", index=False)
+    tables = read_tables(tmp_path / "run.csv")
+    guesses, time = guess_columns(tables), guess_time(tables[""])
+    assert time is not None
+    text = mapping_text(tmp_path / "run.csv", time, guesses, Constants(), joint="elbow")
+    (tmp_path / "map.yaml").write_text(text, encoding="utf-8")
+    (report,) = import_recordings(tmp_path, tmp_path / "map.yaml", tmp_path / "out").files
+    columns = {channel: entry for channel, (entry, _) in entries_of(tables, guesses, "").columns.items()}
+    described = [
+        parse_device(DEVICE.format(wire=json.dumps({"link": "elbow", "motors": ["elbow"], "columns": entries})), "d")
+        for entries in (columns, {})
+    ]
+    of_table = read_joint(tmp_path / "run.csv", described[0]).commands
+    assert of_table is not None and report.bag is not None
+    of_bag = joint_signals(read_bag(report.bag), described[1]).measured
+    between = of_bag.time[1:] - 0.5 * (TIME[1] - TIME[0])  # a torque of the bag acts in the interval that ends
+    np.testing.assert_allclose(of_table.resample(between)["external_torque"], of_bag["tau"][1:, 0], atol=1e-12)
+
+
+def test_an_interval_belongs_to_an_effort(tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").write_text(
+        "title: t\nsource: [s]\nrecordings:\n  pattern: run.csv\n  bag: b\n  time: {column: t, unit: s}\n"
+        "  joints: [{column: q, joint: a, quantity: position, unit: rad, interval: begins}]\n", encoding="utf-8",
+    )  # fmt: skip
+    with pytest.raises(ImportMapError, match="interval belongs to an effort, got quantity position"):
+        load_mapping(tmp_path / "m.yaml")
 
 
 def test_numbers_of_columns_are_those_of_the_motors_of_a_device(tmp_path: Path) -> None:

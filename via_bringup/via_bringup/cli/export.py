@@ -18,6 +18,7 @@ from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, table
+from via_bringup.cli.own_effects import OwnEffects
 
 
 def export(
@@ -33,6 +34,7 @@ def export(
     check: Annotated[
         list[Path] | None, typer.Option(help="Log to simulate with the exported model in MuJoCo itself (mjcf).")
     ] = None,
+    own_effects: OwnEffects = None,
 ) -> None:
     """Write a device with the effects of a report for another simulator, and list what that cannot hold.
 
