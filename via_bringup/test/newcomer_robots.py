@@ -30,7 +30,8 @@ URDF = """<?xml version="1.0"?>
   </link>
   <joint name="shoulder_lift_joint" type="revolute">
     <parent link="base_link"/><child link="upper_arm_link"/><origin xyz="0 0.12 0.15" rpy="0 1.5708 0"/>
-    <axis xyz="0 1 0"/><limit lower="-3.1" upper="3.1" effort="150" velocity="3.1"/><dynamics damping="0.8" friction="0"/>
+    <axis xyz="0 1 0"/><limit lower="-3.1" upper="3.1" effort="150" velocity="3.1"/>
+    <dynamics damping="0.8" friction="0"/>
   </joint>
   <link name="upper_arm_link">
     <collision><geometry><mesh filename="package://vendor_description/meshes/upper.stl"/></geometry></collision>
@@ -167,7 +168,10 @@ def _write_bag(folder: Path, rows: np.ndarray) -> None:
         for t, q, v, torque in rows:
             ns = 1_764_000_000_000_000_000 + round(t * 1e9)
             head = header(stamp(*divmod(ns, 10**9)), "")
-            position, speed = np.array([0.0, q]) + rng.normal(0.0, 2e-5, 2), np.array([0.0, v]) + rng.normal(0.0, 2e-3, 2)
+            position, speed = (
+                np.array([0.0, q]) + rng.normal(0.0, 2e-5, 2),
+                np.array([0.0, v]) + rng.normal(0.0, 2e-3, 2),
+            )
             effort = np.array([0.0, before])
             message = state(head, ["shoulder", "elbow"], position, speed, effort)
             bag.write(plain, ns + 350_000, store.serialize_cdr(message, state.__msgtype__))

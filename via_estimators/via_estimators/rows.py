@@ -1,4 +1,4 @@
-"""Sample rows of a recording. Those of a bag are formed as in a live node, so that replayed estimates equal the live ones.
+"""Sample rows of a recording; of a bag formed as in a live node, so that replayed estimates equal the live ones.
 
 Rules for bags, the same as in the node:
   - every message that names the device's link is one sample, in stamp order, bad stamps and NaN included;
@@ -7,7 +7,7 @@ Rules for bags, the same as in the node:
     topics may arrive in any order (the node counts a command that arrives after such a sample as late);
   - invalid commands (not finite, not of mode EQUILIBRIUM_PRESET) are ignored.
 
-Rows of a table become samples in its order; those whose stamp does not increase are left out. A command applies from its
+Rows of a table become samples in its order, without those whose stamp does not increase. A command applies from its
 row on.
 """
 
@@ -96,13 +96,13 @@ def table_rows(recording: JointRecording, inputs: tuple[str, ...]) -> SampleRows
     measured, commands = recording.measured, recording.commands
     rows = rows_of(measured, inputs)
     held = {name: np.full(len(measured), np.nan) for name in REFERENCES}
-    for name in held.keys() & (commands.channels.keys() if commands is not None else set()):
-        assert commands is not None
-        at = np.searchsorted(commands.time, measured.time, side="right") - 1
-        held[name][at >= 0] = commands[name][at[at >= 0]]
-    for at, name in enumerate(inputs, start=1):
+    if commands is not None:
+        row = np.searchsorted(commands.time, measured.time, side="right") - 1
+        for name in held.keys() & commands.channels.keys():
+            held[name][row >= 0] = commands[name][row[row >= 0]]
+    for column, name in enumerate(inputs, start=1):
         if name in held:
-            rows[:, at] = held[name]
+            rows[:, column] = held[name]
     stamp = np.rint((measured.time - measured.time[:1]) * SECOND).astype(np.int64)
     return SampleRows(stamp, rows, held["damping"])
 

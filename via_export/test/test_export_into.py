@@ -114,7 +114,9 @@ def test_a_replaced_position_drive_keeps_the_range_of_its_goals(robot: Path) -> 
 
 @pytest.mark.parametrize(("side", "ends"), [(1.0, (-170.0, 40.0)), (-1.0, (40.0, 170.0))])
 def test_a_wall_replaces_one_end_of_the_range(robot: Path, side: float, ends: tuple[float, float]) -> None:
-    wall = Effect("contact", "environment", {"angle": np.radians(40.0), "stiffness": 300.0, "damping": 1.0, "side": side})
+    wall = Effect(
+        "contact", "environment", {"angle": np.radians(40.0), "stiffness": 300.0, "damping": 1.0, "side": side}
+    )
     made = export(load_device("dfki_simple_pendulum"), [wall], "mjcf", into=robot, joint="shoulder")
     assert np.degrees(mujoco.MjModel.from_xml_string(made.text).joint("shoulder").range) == pytest.approx(ends)
     assert any("replaced by the wall" in note for note in made.notes)

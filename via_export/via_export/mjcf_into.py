@@ -74,9 +74,7 @@ def _in_degrees(root: Element) -> bool:
     return (angles[-1] if angles else "degree") == "degree"
 
 
-def _joint_attributes(
-    joint: Element, parts: Parts, target: Target, in_degrees: bool, given: Array | None
-) -> list[str]:
+def _joint_attributes(joint: Element, parts: Parts, target: Target, in_degrees: bool, given: Array | None) -> list[str]:
     """Set friction, encoder offset and wall; numbers of angles in the unit of the file.
 
     given  (2,) [rad] range of the joint in the model; None: not limited
@@ -96,8 +94,9 @@ def _joint_attributes(
         wanted.setdefault("range", (given + offset).tolist())
     if given is not None and target.row[P.contact_stiffness] > 0.0:
         above = target.row[P.contact_side] > 0.0
-        low, high = wanted["range"]  # type: ignore[misc]
-        wanted["range"] = (float(given[0]) + offset, high) if above else (low, float(given[1]) + offset)
+        wall = float(target.row[P.contact_angle])
+        ends = (float(given[0]), wall) if above else (wall, float(given[1]))
+        wanted["range"] = (ends[0] + offset, ends[1] + offset)
         notes.append(
             f"the {'upper' if above else 'lower'} end of the joint's range is replaced by the wall; the other end "
             "becomes as soft as the wall"
@@ -203,7 +202,7 @@ def _compiled_actuators(model: Any, name: str) -> list[int]:
 
 
 def _keep_limits(drive: Element, model: Any, old: int) -> None:
-    """Narrow the limits of a new drive to those of an actuator that it replaces; its gear is 1, its gain that of effects.
+    """Narrow the limits of a new drive, whose gear is 1, to those of the actuator that it replaces.
 
     The control of a torque drive is a torque [N m], that of a position drive an angle [rad].
     """

@@ -54,7 +54,10 @@ def test_a_module_of_the_current_folder_adds_an_effect(tmp_path: Path, monkeypat
         (KIND + "EFFECTS['payload'] = KIND\n", "replaces the effect 'payload'"),
         (KIND + "EFFECTS['other'] = KIND\n", "has the name 'seal'"),
         (KIND + "EFFECTS['seal'] = 3\n", "is int, not EffectKind"),
-        (KIND + "import dataclasses\nEFFECTS['seal'] = dataclasses.replace(KIND, slots=(Slot('s', '', ''),))\n", "slots"),
+        (
+            KIND + "import dataclasses\nEFFECTS['seal'] = dataclasses.replace(KIND, slots=(Slot('s', '', ''),))\n",
+            "slots",
+        ),
     ],
 )
 def test_what_cannot_be_an_effect_is_refused_and_leaves_no_trace(tmp_path: Path, code: str, words: str) -> None:

@@ -1,4 +1,4 @@
-"""`via estimate LOG`: run estimators on a recording without ROS. Of a bag, the estimates equal the node's bit for bit."""
+"""`via estimate LOG`: run estimators on a recording without ROS. From a bag they equal the node's bit for bit."""
 
 from __future__ import annotations
 
@@ -125,9 +125,7 @@ def _missing(result: BagEstimates, inputs: tuple[str, ...]) -> list[str]:
     shares = np.mean(~np.isfinite(rows), axis=0) if len(rows) else np.ones(len(inputs))
     constant = [len(rows) > 1 and bool(np.all(column == column[0])) for column in rows.T]
     lacking = [
-        f"{name} was not recorded"
-        if share == 1.0
-        else f"{name} is missing in {100 * share:.3g} % of the samples"
+        f"{name} was not recorded" if share == 1.0 else f"{name} is missing in {100 * share:.3g} % of the samples"
         for name, share in zip(inputs, shares, strict=True)
         if share > 0.0
     ]

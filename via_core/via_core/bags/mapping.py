@@ -75,7 +75,7 @@ class TimeColumn(_Column):
 class JointColumn(_Column):
     """A quantity of one joint in sensor_msgs/JointState.
 
-    joint     'link' or 'motor_<i>' of the mapping's device, 'motor_1' for the drive of a rigid one, or a joint's own name
+    joint     'link' or 'motor_<i>' of the mapping's device, 'motor_1' for the drive of a rigid one, or a joint's name
     interval  of an effort: 'ends' where it acted until the stamp, as messages state it; 'begins' where it acts from the
               stamp on, as in the row of a controller that reads, computes and logs. The bag then has it one row later
     """

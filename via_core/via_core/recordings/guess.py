@@ -167,7 +167,13 @@ def _by_slope(guess: ColumnGuess, guesses: Sequence[ColumnGuess], frame: DataFra
         (e for e in guesses if (e.table, e.joint, e.quantity) == (guess.table, guess.joint, "position")), None
     )
     time = guess_time(frame, bag)
-    if guess.sure or guess.quantity != "velocity" or position is None or time is None or COUNTS.fullmatch(position.unit):
+    if (
+        guess.sure
+        or guess.quantity != "velocity"
+        or position is None
+        or time is None
+        or COUNTS.fullmatch(position.unit)
+    ):
         return guess
     t, q, v = (numbers(frame, name)[:NOISE_ROWS] for name in (time.column, position.column, guess.column))
     there = np.isfinite(t) & np.isfinite(q) & np.isfinite(v)

@@ -107,7 +107,7 @@ class Experiment:
     def lopsided(self, models: Sequence[Evaluation]) -> bool:
         """Whether one of the useful models leaves errors in the fitted or in the held-out blocks alone.
 
-        Then a motion repeats with the blocks, and they cannot judge what it needs. Whole logs that are held out stay so.
+        Then a motion repeats with the blocks, and held-out errors say nothing about it. Held-out whole logs stay so.
         """
         if not any(len(a) and len(b) for a, b in zip(self.train, self.held, strict=True)):
             return False

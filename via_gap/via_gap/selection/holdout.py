@@ -69,7 +69,7 @@ def lopsided(fitted: Array, held_out: Array, noise: float) -> bool:
     """`one_sided` without the worst segment of each side: other blocks cannot share out a single segment."""
     if min(len(fitted), len(held_out)) < 2:
         return False
-    return one_sided(*(np.sort(each)[:-1] for each in (fitted, held_out)), noise)
+    return one_sided(np.sort(fitted)[:-1], np.sort(held_out)[:-1], noise)
 
 
 def _by_blocks(valid: Sequence[Indices], size: Sequence[int]) -> tuple[list[Indices], list[Indices]]:

@@ -34,7 +34,9 @@ def load_own(name: str) -> tuple[str, ...]:
         for each in added:
             _require_kind(name, each)
         if not added:
-            raise ParameterError(f"{name}: adds no effect; write EFFECTS[kind.name] = kind, as docs/guides/effect.md does")
+            raise ParameterError(
+                f"{name}: adds no effect; write EFFECTS[kind.name] = kind, as docs/guides/effect.md does"
+            )
     except ParameterError:
         EFFECTS.clear()
         EFFECTS.update(before)
