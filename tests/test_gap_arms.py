@@ -245,7 +245,7 @@ def test_a_payload_file_is_read_back_and_others_are_refused(arm: Arm, tmp_path: 
     file.write_text(json.dumps(asdict(payload)))
     assert read_payload(file) == payload
     file.write_text('{"link": "dfki_elbow"}')
-    with pytest.raises(SignalError, match=r"report_payload\.json: tied: field required"):
+    with pytest.raises(SignalError, match=r"report_payload\.json: no payload of an arm: tied: is missing"):
         read_payload(file)
     with pytest.raises(SignalError, match="has no joint 'wrist'; it has: dfki_shoulder, dfki_elbow"):
         with_payload(arm, replace(payload, link="wrist"))

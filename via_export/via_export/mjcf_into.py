@@ -14,7 +14,9 @@ import numpy as np
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_sim.joint.parameters import LINK, P
+from via_sim.plants import GRAVITY
 
+from via_export import payloads
 from via_export.mjcf import Parts, joint_parts, step
 from via_export.target import Target
 from via_export.xml import Element, element, text
@@ -118,17 +120,10 @@ def _frame_quaternion(axis: Array) -> Array:
 
 def _mass(body: Element, joint: Element, target: Target, model: Any, number: int) -> list[str]:
     """Payloads as bodies in the direction of the weight; other changes of inertia as armature."""
-    payloads = [effect.parameters for effect in target.effects if effect.name == "payload"]
     direction = _weight_direction(model, number)
-    inertia = gravity = 0.0
-    for k, each in enumerate(payloads, 1):
-        mass, distance = each["mass"], each["distance"]
-        inertial = element("inertial", pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(1e-9 * mass,) * 3)
-        made = element(
-            "body", inertial, name=f"{joint.get('name')}_payload_{k}", pos=model.jnt_pos[number] + distance * direction
-        )
-        body.append(made)
-        inertia, gravity = inertia + mass * distance**2, gravity + mass * distance * 9.80665
+    for point in payloads.payloads_of(target.effects, str(joint.get("name")), direction):
+        body.append(point.body(model.jnt_pos[number]))
+    inertia, gravity = payloads.moments(target.effects)
     notes = []
     change = target.inertia - float(target.nominal[P.inertia + LINK]) - inertia
     if abs(change) > SMALL * target.inertia:
@@ -145,7 +140,7 @@ def _mass(body: Element, joint: Element, target: Target, model: Any, number: int
     )
     if abs(weight) > ROUNDED * max(target.gravity_torque, 1e-3):
         notes.append(
-            f"gravity torque: change mass times distance of the centre of the body by {weight / 9.80665:.6g} kg m"
+            f"gravity torque: change mass times distance of the centre of the body by {weight / GRAVITY:.6g} kg m"
         )
     turned = float(target.row[P.gravity_angle] - target.nominal[P.gravity_angle])
     if turned:
@@ -160,11 +155,7 @@ def _weight_direction(model: Any, number: int) -> Array:
     index = int(model.jnt_bodyid[number])
     rotation = data.xmat[index].reshape(3, 3)
     centre = rotation.T @ (data.subtree_com[index] - data.xpos[index]) - model.jnt_pos[number]
-    axis = model.jnt_axis[number]
-    across = centre - axis * (axis @ centre)
-    if np.linalg.norm(across) < SMALL:
-        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    return np.asarray(across / np.linalg.norm(across))
+    return payloads.across(centre, model.jnt_axis[number])
 
 
 def _actuators(root: Element, parts: Parts, name: str, model: Any) -> list[str]:

@@ -21,6 +21,7 @@ Source: W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Bu
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,6 +91,14 @@ def read_payload(path: Path) -> Payload:
         return TypeAdapter(Payload).validate_json(read_text(path))
     except ValidationError as error:
         raise SignalError(f"{path}: no payload of an arm: {problems(error)}") from None
+
+
+def is_payload(path: Path) -> bool:
+    """Whether a JSON file holds a payload of an arm rather than a report of a joint."""
+    try:
+        return {"link", "mass", "position"} <= json.loads(read_text(path)).keys()
+    except (ValueError, AttributeError, RecursionError):
+        return False
 
 
 def with_payload(arm: Arm, payload: Payload) -> Arm:
