@@ -11,6 +11,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.io import savemat
 from via_core.bags.definitions import typestore_of
 from via_core.bags.importing import import_recordings
+from via_core.bags.inspection import info
 from via_core.bags.joints import joint_signals
 from via_core.bags.mapping import load_mapping
 from via_core.bags.reader import read_bag
@@ -402,3 +403,9 @@ def test_numbers_name_the_cell_that_is_none(tmp_path: Path) -> None:
         SignalError, match=r"no column 'angle', which wire.columns of 'elbow' names as q; there are: t, pos"
     ):
         read_joint(tmp_path / "b.csv", device)
+
+
+def test_a_summary_states_the_size_of_a_bag_in_sqlite3(tmp_path: Path) -> None:
+    bag(tmp_path / "run", StoragePlugin.SQLITE3)
+    (file,) = (tmp_path / "run").glob("*.db3")
+    assert info(tmp_path / "run").size == file.stat().st_size > 10_000
