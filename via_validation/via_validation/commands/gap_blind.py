@@ -180,11 +180,11 @@ def check_exports(
     from via_validation.sealed.exported import exported_cases
     from via_validation.sealed.sealing import names_in
 
-    with _progress(len(names_in(cases))) as bar:
-        found = []
+    found = []
+    with _progress(sum((results / f"{name}.json").exists() for name in names_in(cases))) as bar:
         for each in exported_cases(cases, results):
             found.append(each)
-            bar.update(bar.task_ids[0], completed=int(each.name.rpartition("_")[2]) + 1)
+            bar.advance(bar.task_ids[0])
     listing = table(
         f"{len(found)} cases: gap after the repair [%]", "case", "effects", "report", "via_sim", "MuJoCo", ""
     )
