@@ -245,7 +245,7 @@ def test_a_payload_file_is_read_back_and_others_are_refused(arm: Arm, tmp_path: 
     file.write_text(json.dumps(asdict(payload)))
     assert read_payload(file) == payload
     file.write_text('{"link": "dfki_elbow"}')
-    with pytest.raises(SignalError, match=r"report_payload\.json: tied: field required"):
+    with pytest.raises(SignalError, match=r"report_payload\.json: no payload of an arm: tied: is missing"):
         read_payload(file)
     with pytest.raises(SignalError, match="has no joint 'wrist'; it has: dfki_shoulder, dfki_elbow"):
         with_payload(arm, replace(payload, link="wrist"))
@@ -349,7 +349,7 @@ def test_a_table_of_the_whole_arm_becomes_one_log_per_joint(arm: Arm, tmp_path: 
             "no joint 'compact_vpda_shaft",
         ),
         (("rotors: [0.0022466, 0.00218588]", "rotors: [0.1]"), "rotors needs 0 or 2 numbers, got 1"),
-        (("title:", "tiddle:"), "arm.yaml: title: Field required"),
+        (("title:", "tiddle:"), "arm.yaml: title: is missing"),
     ],
 )
 def test_arm_files_that_cannot_be_are_refused(change: tuple[str, str], message: str, tmp_path: Path) -> None:

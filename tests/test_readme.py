@@ -5,7 +5,9 @@ EXCEPTED names what does not run here, and why. tests/page_blocks.py describes h
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import yaml
 from own_robot import write_arm, write_robot, write_run
 from page_blocks import DEADLINE, ROOT, Block, Shell, blocks, follow, run_python, shell_in
 from via_core.devices import load_device
+from via_gap.run.arm_payload import Payload
 from via_ros.spin import spin_until
 from via_sim.effects.files import load_effects
 
@@ -55,6 +58,8 @@ def page(tmp_path_factory: pytest.TempPathFactory, domain: int) -> Iterator[Shel
     write_robot(folder)  # the reader's own
     write_run(folder / "run.csv")
     write_arm(folder / "arm.parquet")
+    payload = Payload("elbow", (), 0.5, 0.01, (0.0, 0.0, -0.2), (0.01, 0.01, 0.01), 0.9)  # of an arm's diagnosis
+    (folder / "report_payload.json").write_text(json.dumps(asdict(payload)))
     with shell_in(folder, domain) as shell:
         for block in BLOCKS:
             if block.file:

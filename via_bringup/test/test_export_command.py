@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 
 import mujoco
@@ -11,7 +13,9 @@ from typer.testing import CliRunner
 from via_bringup.cli import app
 from via_core.command_files import write_table
 from via_core.devices import load_device
+from via_core.errors import ViaError
 from via_core.signals import Signals
+from via_gap.run.arm_payload import Payload
 from via_sim.effects import Effect
 from via_sim.effects.files import save_effects
 from via_sim.plants import JointPlant
@@ -71,3 +75,21 @@ def test_the_check_prints_both_simulators(repair: Path, tmp_path: Path) -> None:
     before, after = float(rows["MuJoCo"][1]), float(rows["MuJoCo"][3])
     assert before > 10.0 * after
     assert before == pytest.approx(float(rows["via_sim"][1]), rel=0.01)
+
+
+def test_the_payload_of_an_arm_is_written_into_its_robot(tmp_path: Path) -> None:
+    robot, payload, out = tmp_path / "robot.xml", tmp_path / "report_payload.json", tmp_path / "loaded.xml"
+    robot.write_text(
+        '<mujoco><worldbody><body name="b"><joint name="elbow"/><geom size=".1" mass="1"/></body></worldbody></mujoco>'
+    )
+    found = Payload("elbow", (), 0.8, 0.01, (0.1, 0.0, -0.3), (0.01, 0.01, 0.01), 0.9)
+    payload.write_text(json.dumps(asdict(found)))
+    text = run("export", payload, "--to", "mjcf", "--into", robot, "--out", out)
+    assert f"wrote {out}" in text
+    model = mujoco.MjModel.from_xml_path(str(out))
+    assert model.body("elbow_payload").mass == pytest.approx(0.8)
+    for words, complaint in (((), "add --into ROBOT"), (("--into", robot, "--check", robot), "a report of a joint")):
+        with pytest.raises(ViaError, match=complaint):
+            run("export", payload, *words)
+    with pytest.raises(ViaError, match="--device is missing"):
+        run("export", tmp_path / "effects.yaml")

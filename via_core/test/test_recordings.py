@@ -11,7 +11,9 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.io import savemat
 from via_core.bags.definitions import typestore_of
 from via_core.bags.importing import import_recordings
+from via_core.bags.inspection import info
 from via_core.bags.joints import joint_signals
+from via_core.bags.mapping import load_mapping
 from via_core.bags.reader import read_bag
 from via_core.devices import parse_device
 from via_core.errors import DeviceError, ImportMapError, ParameterError, SignalError
@@ -207,6 +209,9 @@ def test_names_are_split_into_words_and_units() -> None:
     assert split_name("vel_deg_per_s")[1] == "deg/s"
     assert split_name("j1_speed_deg_s") == (["j", "1", "speed"], "deg/s")
     assert split_name("x_vel_mm_s")[1] == "mm/s"
+    assert split_name("ElbowSpeed_dps") == (["elbow", "speed"], "dps") and factor("dps") == pytest.approx(pi / 180.0)
+    assert split_name("ElbowAngleDeg") == (["elbow", "angle"], "deg")
+    assert split_name("MotorSpeed")[1] == ""
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
@@ -269,7 +274,38 @@ def test_a_mapping_is_written_that_imports_the_file(tmp_path: Path) -> None:
         assert report.accepted, report.reasons
         states = read_bag(report.bag or "")["/joint_states"]
         np.testing.assert_allclose(states["position"][:, 0], ANGLE, atol=1e-12)
-        np.testing.assert_allclose(states["effort"][:, 0], TORQUE, atol=1e-12)
+        # A row has the torque from its stamp on, a message the torque until its stamp.
+        np.testing.assert_allclose(states["effort"][1:, 0], TORQUE[:-1], atol=1e-12)
+        assert np.isnan(states["effort"][0, 0])
+
+
+def test_a_table_and_its_bag_have_the_same_torque_at_the_same_time(tmp_path: Path) -> None:
+    pandas.DataFrame({"t": TIME, "pos": ANGLE, "torque": TORQUE}).to_csv(tmp_path / "run.csv", index=False)
+    tables = read_tables(tmp_path / "run.csv")
+    guesses, time = guess_columns(tables), guess_time(tables[""])
+    assert time is not None
+    text = mapping_text(tmp_path / "run.csv", time, guesses, Constants(), joint="elbow")
+    (tmp_path / "map.yaml").write_text(text, encoding="utf-8")
+    (report,) = import_recordings(tmp_path, tmp_path / "map.yaml", tmp_path / "out").files
+    columns = {channel: entry for channel, (entry, _) in entries_of(tables, guesses, "").columns.items()}
+    described = [
+        parse_device(DEVICE.format(wire=json.dumps({"link": "elbow", "motors": ["elbow"], "columns": entries})), "d")
+        for entries in (columns, {})
+    ]
+    of_table = read_joint(tmp_path / "run.csv", described[0]).commands
+    assert of_table is not None and report.bag is not None
+    of_bag = joint_signals(read_bag(report.bag), described[1]).measured
+    between = of_bag.time[1:] - 0.5 * (TIME[1] - TIME[0])  # a torque of the bag acts in the interval that ends
+    np.testing.assert_allclose(of_table.resample(between)["external_torque"], of_bag["tau"][1:, 0], atol=1e-12)
+
+
+def test_an_interval_belongs_to_an_effort(tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").write_text(
+        "title: t\nsource: [s]\nrecordings:\n  pattern: run.csv\n  bag: b\n  time: {column: t, unit: s}\n"
+        "  joints: [{column: q, joint: a, quantity: position, unit: rad, interval: begins}]\n", encoding="utf-8",
+    )  # fmt: skip
+    with pytest.raises(ImportMapError, match="interval belongs to an effort, got quantity position"):
+        load_mapping(tmp_path / "m.yaml")
 
 
 def test_numbers_of_columns_are_those_of_the_motors_of_a_device(tmp_path: Path) -> None:
@@ -291,6 +327,23 @@ def test_numbers_of_columns_are_those_of_the_motors_of_a_device(tmp_path: Path) 
     assert found[shaft][0] == pytest.approx(columns["q"][5])
     assert found[first] == pytest.approx((columns["theta_1"][5], columns["tau_1"][5]))
     assert found[second] == pytest.approx((columns["theta_2"][5], columns["tau_2"][5]))
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit"), [(1.0, "rad/s"), (180.0 / pi, "deg/s"), (30.0 / pi, "rpm"), (0.5 / pi, "turn/s")]
+)
+def test_the_unit_of_a_speed_follows_from_the_change_of_the_position(scale: float, unit: str) -> None:
+    noise = np.random.default_rng(0).normal(0.0, 0.3, N)
+    frame = pandas.DataFrame({"t": TIME, "pos": ANGLE, "vel": scale * (SPEED + noise)})
+    found = {guess.column: guess for guess in guess_columns({"": frame})}
+    assert (found["vel"].quantity, found["vel"].unit) == ("velocity", unit)
+
+
+def test_a_speed_that_is_not_the_change_of_the_position_is_pointed_out() -> None:
+    for wrong in (-SPEED, 3.0 * SPEED):
+        tables = {"": pandas.DataFrame({"t": TIME, "pos": ANGLE, "vel": wrong})}
+        (guess,) = (each for each in guess_columns(tables) if each.column == "vel")
+        assert guess.unit == "rad/s" and "check" in guess.reason
 
 
 def test_the_end_of_a_name_that_looks_like_seconds_is_no_unit_of_a_speed() -> None:
@@ -350,3 +403,9 @@ def test_numbers_name_the_cell_that_is_none(tmp_path: Path) -> None:
         SignalError, match=r"no column 'angle', which wire.columns of 'elbow' names as q; there are: t, pos"
     ):
         read_joint(tmp_path / "b.csv", device)
+
+
+def test_a_summary_states_the_size_of_a_bag_in_sqlite3(tmp_path: Path) -> None:
+    bag(tmp_path / "run", StoragePlugin.SQLITE3)
+    (file,) = (tmp_path / "run").glob("*.db3")
+    assert info(tmp_path / "run").size == file.stat().st_size > 10_000

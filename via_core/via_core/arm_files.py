@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from via_core.device_parts import Part, Text
 from via_core.errors import DeviceError
+from via_core.problems import problems
 from via_core.text_files import read_text, read_yaml
 
 
@@ -40,8 +41,7 @@ def read_arm(kind: type[File], folder: str, name_or_path: str | Path) -> tuple[P
         file = kind.model_validate(read_yaml(read_text(path, DeviceError, path.name), path.name, DeviceError))
         return path, file, pinocchio.buildModelFromXML(read_text(path.parent / file.urdf, DeviceError, file.urdf))
     except ValidationError as error:
-        first = error.errors()[0]
-        raise DeviceError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        raise DeviceError(f"{path.name}: {problems(error)}") from None
     except ValueError as error:
         raise DeviceError(f"{path.name}: {' '.join(str(error).split())[:120]}") from None
 

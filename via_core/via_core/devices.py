@@ -36,6 +36,7 @@ from via_core.device_parts import (
     motor_kind,
 )
 from via_core.errors import DeviceError, ParameterError
+from via_core.problems import problems
 from via_core.signals import Array
 from via_core.springs import SpringLaw
 from via_core.text_files import read_text, read_yaml
@@ -234,36 +235,4 @@ def parse_device(text: str, file: str) -> Device:
     try:
         return Device.model_validate(content)
     except ValidationError as error:
-        raise DeviceError(_one_line(f"{file}: {'; '.join(_problem(each) for each in error.errors())}")) from None
-
-
-def _one_line(text: str) -> str:
-    """`text` on one line: keys and values of the file may hold line breaks, errors must not."""
-    return " ".join(text.splitlines())
-
-
-# Pydantic puts the tag of a union into the path of an error; none of these tags is a key.
-_TAGS = {
-    *("torque", "servo", "linear", "two_stage"),
-    *("cubic", "odd_polynomial", "sinh", "exponential", "four_bar", "maccepa", "two_lever"),
-}
-
-
-def _problem(problem: Any) -> str:
-    """One pydantic problem as 'dotted.key: what is allowed, got value'."""
-    key = ".".join(str(part) for i, part in enumerate(problem["loc"]) if i == 0 or part not in _TAGS)
-    text = problem["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
-    if problem["type"] == "missing":
-        return f"{key}: is missing"
-    if problem["type"] == "union_tag_not_found":
-        return f"{key}.{problem['ctx']['discriminator'].strip(chr(39))}: is missing"
-    if problem["type"] == "union_tag_invalid":
-        context = problem["ctx"]
-        which = context["discriminator"].strip("'")
-        return f"{key}.{which}: must be one of {context['expected_tags']}, got '{context['tag']}'"
-    if problem["type"] == "extra_forbidden":
-        return f"{key}: is no known key"
-    if problem["type"] == "value_error":
-        return f"{key}: {text}" if key else text
-    value = repr(problem["input"])
-    return f"{key}: {text}, got {value if len(value) <= 80 else value[:77] + '...'}"
+        raise DeviceError(f"{file}: {problems(error)}") from None

@@ -1,11 +1,14 @@
-"""Sample rows of a bag, as a live node forms them, so that replayed estimates equal the live ones bit by bit.
+"""Sample rows of a recording; of a bag formed as in a live node, so that replayed estimates equal the live ones.
 
-Rules, the same as in the node:
+Rules for bags, the same as in the node:
   - every message that names the device's link is one sample, in stamp order, bad stamps and NaN included;
   - its time is the difference to the first one in whole nanoseconds, then divided once;
   - a command applies to samples whose stamp is not before its own. Stamps decide, not arrival, since messages of two
     topics may arrive in any order (the node counts a command that arrives after such a sample as late);
   - invalid commands (not finite, not of mode EQUILIBRIUM_PRESET) are ignored.
+
+Rows of a table become samples in its order, without those whose stamp does not increase. A command applies from its
+row on.
 """
 
 from __future__ import annotations
@@ -14,14 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from via_core.bags.joints import joint_channels
+from via_core.bags.joints import JointRecording, joint_channels
 from via_core.bags.reader import Bag
 from via_core.devices import Device
 from via_core.errors import BagError
 from via_core.signals import Array
-from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, REFERENCES, VSA_COMMAND, seconds
+from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, REFERENCES, SECOND, VSA_COMMAND, seconds
 
-from via_estimators.contract import Estimates, Estimator
+from via_estimators.contract import Estimates, Estimator, rows_of
 
 
 class SampleRows(NamedTuple):
@@ -86,6 +89,28 @@ def _held(bag: Bag, device: Device, stamp: NDArray[np.int64]) -> dict[str, Array
     for name in REFERENCES:
         held[name][at >= 0] = commands[name][chosen][at[at >= 0]]
     return held
+
+
+def table_rows(recording: JointRecording, inputs: tuple[str, ...]) -> SampleRows:
+    """The samples of a joint in a table (`via_core.recordings.channels`), columns `inputs`; NaN for missing signals."""
+    measured, commands = recording.measured, recording.commands
+    rows = rows_of(measured, inputs)
+    held = {name: np.full(len(measured), np.nan) for name in REFERENCES}
+    if commands is not None:
+        row = np.searchsorted(commands.time, measured.time, side="right") - 1
+        for name in held.keys() & commands.channels.keys():
+            held[name][row >= 0] = commands[name][row[row >= 0]]
+    for column, name in enumerate(inputs, start=1):
+        if name in held:
+            rows[:, column] = held[name]
+    stamp = np.rint((measured.time - measured.time[:1]) * SECOND).astype(np.int64)
+    return SampleRows(stamp, rows, held["damping"])
+
+
+def estimate_table(recording: JointRecording, estimator: Estimator) -> BagEstimates:
+    """Estimates of a joint in a table, sample by sample."""
+    samples = table_rows(recording, estimator.inputs)
+    return BagEstimates(samples, estimator.run_rows(samples.rows)[1])
 
 
 def estimate_bag(bag: Bag, device: Device, estimator: Estimator, joint_topic: str = "/joint_states") -> BagEstimates:

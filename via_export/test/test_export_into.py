@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,8 +12,11 @@ import pinocchio
 import pytest
 from export_joints import RATE, angles_in_via_sim, commands_of, difference, start_of
 from via_core.devices import load_device
-from via_export import export
+from via_core.errors import ParameterError, ViaError
+from via_core.robots.models import read_robot
+from via_export import add_arm_payload, export
 from via_export.mujoco_joint import QUEUE, MujocoJoint
+from via_gap.run.arm_payload import Payload
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows, initial_state
@@ -93,6 +97,35 @@ def test_motors_and_springs_are_placed_at_the_joint(robot: Path, name: str) -> N
     assert data.qfrc_passive[model.dofs[0]] == pytest.approx(torque, rel=2e-3)
 
 
+def test_a_replaced_motor_keeps_its_limits(robot: Path) -> None:
+    device = load_device("dfki_simple_pendulum")
+    robot.write_text(ROBOT.replace('gear="2"', 'gear="2" ctrlrange="-3 4" forcerange="-2.5 5"'))
+    model = mujoco.MjModel.from_xml_string(export(device, (), "mjcf", into=robot, joint="shoulder").text)
+    drive = model.actuator("torque")
+    assert drive.ctrllimited and drive.ctrlrange == pytest.approx([-6.0, 8.0])  # torques at the joint
+    assert drive.forcelimited and drive.forcerange == pytest.approx([-5.0, 10.0])
+    limited = [Effect("torque_saturation", "motor", {"limit": 7.0}, 1)]
+    model = mujoco.MjModel.from_xml_string(export(device, limited, "mjcf", into=robot, joint="shoulder").text)
+    assert model.actuator("torque").ctrlrange == pytest.approx([-6.0, 7.0])
+
+
+def test_a_replaced_position_drive_keeps_the_range_of_its_goals(robot: Path) -> None:
+    servo = '<position name="torque" joint="shoulder" gear="2" kp="3" ctrlrange="-1 2"/>'
+    robot.write_text(ROBOT.replace('<motor name="torque" joint="shoulder" gear="2"/>', servo))
+    model = mujoco.MjModel.from_xml_string(export(load_device("xl330"), (), "mjcf", into=robot, joint="shoulder").text)
+    assert model.actuator("torque").ctrlrange == pytest.approx([-0.5, 1.0])  # [rad]
+
+
+@pytest.mark.parametrize(("side", "ends"), [(1.0, (-170.0, 40.0)), (-1.0, (40.0, 170.0))])
+def test_a_wall_replaces_one_end_of_the_range(robot: Path, side: float, ends: tuple[float, float]) -> None:
+    wall = Effect(
+        "contact", "environment", {"angle": np.radians(40.0), "stiffness": 300.0, "damping": 1.0, "side": side}
+    )
+    made = export(load_device("dfki_simple_pendulum"), [wall], "mjcf", into=robot, joint="shoulder")
+    assert np.degrees(mujoco.MjModel.from_xml_string(made.text).joint("shoulder").range) == pytest.approx(ends)
+    assert any("replaced by the wall" in note for note in made.notes)
+
+
 def test_a_urdf_keeps_its_limits_and_gets_friction_and_payload(tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     path.write_text(URDF)
@@ -101,7 +134,72 @@ def test_a_urdf_keeps_its_limits_and_gets_friction_and_payload(tmp_path: Path) -
     assert model.upperPositionLimit[0] == 2.0 and model.damping[0] == pytest.approx(0.047)
     inertia = pinocchio.crba(model, model.createData(), np.zeros(1))[0, 0]
     assert inertia == pytest.approx(0.1 + 0.7 * 0.16 + 0.45 * 0.25 + 0.02)
-    assert any("gravity torque" in note for note in made.notes)
+    torque = pinocchio.computeGeneralizedGravity(model, model.createData(), np.array([0.5 * np.pi]))[0]
+    assert abs(torque) == pytest.approx(9.81 * (0.7 * 0.4 + 0.45 * 0.5), rel=1e-6)
+    assert made.notes == ()
+
+
+def test_what_does_not_change_keeps_its_form(tmp_path: Path) -> None:
+    source = """<?xml version="1.0"?>
+<!-- of the vendor -->
+<robot name="r">
+
+    <link name="base"/>   <!-- stands -->
+    <link name="arm"><inertial><origin xyz="0 0 -0.4"/><mass value="0.7"/>
+        <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="shoulder" type="revolute">
+        <parent link="base"/><child link="arm"/>
+        <axis xyz="0 -1 0"/>
+        <limit lower="-2" upper="2" effort="5" velocity="3"/>
+    </joint>
+</robot>
+<!-- end -->
+"""
+    path = tmp_path / "robot.urdf"
+    path.write_text(source)
+    made = export(load_device("dfki_simple_pendulum"), EFFECTS[:1], "urdf", into=path, joint="shoulder")
+    before, after = source.splitlines(), made.text.splitlines()
+    assert [line for line in before if line not in after] == []
+    added = [line for line in after if line not in before]
+    assert '        <dynamics damping="0.047" friction="0.18"/>' in added
+    assert '    <link name="shoulder_payload_1">' in added and after[-1] == "<!-- end -->"
+
+
+def test_a_payload_becomes_a_link_of_an_sdf(tmp_path: Path) -> None:
+    device, path = load_device("dfki_simple_pendulum"), tmp_path / "robot.sdf"
+    path.write_text(export(device, (), "sdf").text)
+    made = export(device, EFFECTS[:1], "sdf", into=path)
+    root = ElementTree.fromstring(made.text)
+    link = root.find(f".//link[@name='{device.link_joint}_payload_1']")
+    assert link is not None and float(link.findtext("inertial/mass") or 0.0) == 0.45
+    pose = link.find("pose")
+    assert pose is not None and pose.get("relative_to") == "dfki_simple_pendulum_link"
+    assert [float(each) for each in str(pose.text).split()[:3]] == pytest.approx([0.0, 0.0, -0.5])
+    assert root.find(f".//joint[@name='{device.link_joint}_payload_1_fixed']") is not None and made.notes == ()
+
+
+@pytest.mark.parametrize("to", ["urdf", "mjcf"])
+def test_the_payload_of_an_arm_loads_its_joints(to: str, robot: Path, tmp_path: Path) -> None:
+    payload = Payload("shoulder", (), 0.8, 0.01, (0.1, 0.05, -0.3), (0.01, 0.01, 0.01), 0.9)
+    path = robot
+    if to == "urdf":
+        path = tmp_path / "robot.urdf"
+        path.write_text(URDF)
+    (tmp_path / f"loaded.{path.suffix}").write_text(add_arm_payload(payload, to, path, "with a payload"))
+    before, after = (read_robot(each).seen_at("shoulder") for each in (path, tmp_path / f"loaded.{path.suffix}"))
+    assert after.inertia - before.inertia == pytest.approx(0.8 * (0.1**2 + 0.3**2), rel=1e-6)  # about y
+    with pytest.raises(ViaError, match="no joint 'nobody'; there are: "):
+        add_arm_payload(replace(payload, link="nobody"), to, path)
+
+
+def test_a_payload_that_no_file_can_have_is_refused(robot: Path) -> None:
+    payload = Payload("shoulder", (), -0.8, 0.01, (0.1, 0.05, -0.3), (0.01, 0.01, 0.01), 0.9)
+    with pytest.raises(ParameterError, match=r"too heavy by 0\.8 kg"):
+        add_arm_payload(payload, "mjcf", robot)
+    with pytest.raises(ParameterError, match="mjcf or urdf, got 'sdf'"):
+        add_arm_payload(payload, "sdf", robot)
+    with pytest.raises(ParameterError, match="is MJCF, not URDF"):
+        add_arm_payload(replace(payload, mass=0.8), "urdf", robot)
 
 
 def test_an_sdf_gets_friction(tmp_path: Path) -> None:

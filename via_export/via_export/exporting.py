@@ -21,7 +21,7 @@ from via_sim.effects import Effect
 from via_export import bam, isaaclab, mjcf, mjcf_into, ros2_control, sdf, urdf
 from via_export.slots import FORMATS, TITLES, Loss, losses
 from via_export.target import Target
-from via_export.xml import document, parsed
+from via_export.xml import Edited
 
 BESIDE = ("mjcf", "urdf", "sdf", "bam")  # formats that can be written into a given file
 SUFFIXES = {"mjcf": ".xml", "urdf": ".urdf", "sdf": ".sdf", "isaaclab": ".py", "bam": ".json", "ros2_control": ".xacro"}
@@ -100,18 +100,19 @@ def _into(target: Target, to: str, path: Path, name: str, comment: str, supply: 
             if not isinstance(given, dict):
                 raise ParameterError(f"{path}: a parameter file of BAM is a mapping")
             return bam.write(target, supply, given), []
-        root = parsed(source)
+        edited = Edited.of(source)
+        root = edited.root
         if to == "mjcf":
             notes = mjcf_into.into(root, target, name, _compiled(path))
         else:
-            notes = (urdf if to == "urdf" else sdf).into(root, target, name)
+            notes = urdf.into(root, target, name, path) if to == "urdf" else sdf.into(root, target, name)
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror}") from None
     except (ParseError, json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ParameterError(f"{path}: {error}") from None
     except ValueError as error:
         raise ParameterError(f"{path}: {error}") from None
-    return document(root, comment, declaration=to != "mjcf"), notes
+    return edited.text(comment), notes
 
 
 def _compiled(path: Path) -> mujoco.MjModel:

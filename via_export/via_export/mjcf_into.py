@@ -14,12 +14,15 @@ import numpy as np
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_sim.joint.parameters import LINK, P
+from via_sim.plants import GRAVITY
 
+from via_export import payloads
 from via_export.mjcf import Parts, joint_parts, step
 from via_export.target import Target
 from via_export.xml import Element, element, text
 
 SMALL = 1e-9  # relative change of a number that counts as none
+ROUNDED = 1e-4  # relative change of a weight that is not worth an edit by hand: device files round their numbers
 TARGETS = ("joint", "jointinparent")
 
 
@@ -33,7 +36,8 @@ def into(root: Element, target: Target, name: str, model: Any) -> list[str]:
     in_degrees = _in_degrees(root)
     kept = float(model.qpos0[model.jnt_qposadr[number]])
     parts = joint_parts(target, name, kept)
-    notes = _joint_attributes(joint, parts, target, in_degrees)
+    given = model.jnt_range[number] if model.jnt_limited[number] else None
+    notes = _joint_attributes(joint, parts, target, in_degrees, given)
     turn = _frame_quaternion(model.jnt_axis[number])
     if parts.in_link:
         body.append(element("frame", *parts.in_link, pos=model.jnt_pos[number], quat=turn))
@@ -45,7 +49,7 @@ def into(root: Element, target: Target, name: str, model: Any) -> list[str]:
         mujoco.mju_mulQuat(own, model.body_quat[index], turn)
         parent.append(element("frame", *parts.bodies, pos=model.body_pos[index] + at, quat=own))
     notes += _mass(body, joint, target, model, number)
-    notes += _actuators(root, parts, target, name)
+    notes += _actuators(root, parts, name, model)
     for section, children in (("tendon", parts.tendons), ("actuator", parts.actuators), ("sensor", parts.sensors)):
         if children:
             _section(root, section).extend(children)
@@ -72,8 +76,11 @@ def _in_degrees(root: Element) -> bool:
     return (angles[-1] if angles else "degree") == "degree"
 
 
-def _joint_attributes(joint: Element, parts: Parts, target: Target, in_degrees: bool) -> list[str]:
-    """Set friction, encoder offset and wall; numbers of angles in the unit of the file."""
+def _joint_attributes(joint: Element, parts: Parts, target: Target, in_degrees: bool, given: Array | None) -> list[str]:
+    """Set friction, encoder offset and wall; numbers of angles in the unit of the file.
+
+    given  (2,) [rad] range of the joint in the model; None: not limited
+    """
     unit = 180.0 / pi if in_degrees else 1.0
     wanted = {key: value for key, value in parts.joint.items() if key not in ("name", "type", "axis")}
     for key, neutral in (("damping", "0"), ("frictionloss", "0")):
@@ -82,13 +89,20 @@ def _joint_attributes(joint: Element, parts: Parts, target: Target, in_degrees: 
     offset = target.of_axis(P.encoder_offset, LINK)
     if offset == 0.0 and joint.get("ref") is None:
         wanted.pop("ref")
-    if offset and joint.get("range") and "range" not in wanted:
-        wanted["range"] = [float(each) / unit + offset for each in str(joint.get("range")).split()]
+    if offset and given is not None:
         notes.append(
             f"joint range and ref are shifted by the encoder offset of {offset:.6g} rad; shift keyframes likewise"
         )
-    if "range" in wanted and joint.get("range") and target.row[P.contact_stiffness] > 0.0:
-        notes.append(f"joint range {joint.get('range')} is replaced by the wall")
+        wanted.setdefault("range", (given + offset).tolist())
+    if given is not None and target.row[P.contact_stiffness] > 0.0:
+        above = target.row[P.contact_side] > 0.0
+        wall = float(target.row[P.contact_angle])
+        ends = (float(given[0]), wall) if above else (wall, float(given[1]))
+        wanted["range"] = (ends[0] + offset, ends[1] + offset)
+        notes.append(
+            f"the {'upper' if above else 'lower'} end of the joint's range is replaced by the wall; the other end "
+            "becomes as soft as the wall"
+        )
     for key, value in wanted.items():
         if key in ("ref", "range"):
             value = np.asarray(value, dtype=float) * unit
@@ -106,17 +120,10 @@ def _frame_quaternion(axis: Array) -> Array:
 
 def _mass(body: Element, joint: Element, target: Target, model: Any, number: int) -> list[str]:
     """Payloads as bodies in the direction of the weight; other changes of inertia as armature."""
-    payloads = [effect.parameters for effect in target.effects if effect.name == "payload"]
     direction = _weight_direction(model, number)
-    inertia = gravity = 0.0
-    for k, each in enumerate(payloads, 1):
-        mass, distance = each["mass"], each["distance"]
-        inertial = element("inertial", pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(1e-9 * mass,) * 3)
-        made = element(
-            "body", inertial, name=f"{joint.get('name')}_payload_{k}", pos=model.jnt_pos[number] + distance * direction
-        )
-        body.append(made)
-        inertia, gravity = inertia + mass * distance**2, gravity + mass * distance * 9.80665
+    for point in payloads.payloads_of(target.effects, str(joint.get("name")), direction):
+        body.append(point.body(model.jnt_pos[number]))
+    inertia, gravity = payloads.moments(target.effects)
     notes = []
     change = target.inertia - float(target.nominal[P.inertia + LINK]) - inertia
     if abs(change) > SMALL * target.inertia:
@@ -131,9 +138,9 @@ def _mass(body: Element, joint: Element, target: Target, model: Any, number: int
         - abs(float(target.nominal[P.gravity_torque]))
         - gravity * (target.nominal[P.gravity] != 0.0)
     )
-    if abs(weight) > SMALL * max(target.gravity_torque, 1e-3):
+    if abs(weight) > ROUNDED * max(target.gravity_torque, 1e-3):
         notes.append(
-            f"gravity torque: change mass times distance of the centre of the body by {weight / 9.80665:.6g} kg m"
+            f"gravity torque: change mass times distance of the centre of the body by {weight / GRAVITY:.6g} kg m"
         )
     turned = float(target.row[P.gravity_angle] - target.nominal[P.gravity_angle])
     if turned:
@@ -148,17 +155,17 @@ def _weight_direction(model: Any, number: int) -> Array:
     index = int(model.jnt_bodyid[number])
     rotation = data.xmat[index].reshape(3, 3)
     centre = rotation.T @ (data.subtree_com[index] - data.xpos[index]) - model.jnt_pos[number]
-    axis = model.jnt_axis[number]
-    across = centre - axis * (axis @ centre)
-    if np.linalg.norm(across) < SMALL:
-        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    return np.asarray(across / np.linalg.norm(across))
+    return payloads.across(centre, model.jnt_axis[number])
 
 
-def _actuators(root: Element, parts: Parts, target: Target, name: str) -> list[str]:
-    """Remove present actuators of the joint; the new drive of a rigid joint takes the name and place of the first."""
+def _actuators(root: Element, parts: Parts, name: str, model: Any) -> list[str]:
+    """Remove present actuators of the joint; the new drive of a rigid joint takes the place of the first.
+
+    It keeps the name and the limits of the actuator that it replaces.
+    """
     notes = []
     drive = next((each for each in parts.actuators if each.get("name") == f"{name}_drive"), None)
+    present = _compiled_actuators(model, name)
     for section in root.findall("actuator"):
         for at, old in enumerate(list(section)):
             if name not in [old.get(key) for key in TARGETS]:
@@ -169,11 +176,47 @@ def _actuators(root: Element, parts: Parts, target: Target, name: str) -> list[s
                 parts.actuators.remove(drive)
                 if old.get("name"):
                     drive.set("name", str(old.get("name")))
+                _keep_limits(drive, model, present[0])
                 section.insert(at, drive)
                 notes.append(f"actuator '{label}' is replaced by that of the device")
             else:
                 notes.append(f"actuator '{label}' of the joint is removed")
     return notes
+
+
+def _compiled_actuators(model: Any, name: str) -> list[int]:
+    """Numbers of the actuators of a joint, in the order of the file."""
+    joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+    kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
+    on = np.isin(model.actuator_trntype, kinds) & (model.actuator_trnid[:, 0] == joint)
+    return [int(each) for each in np.flatnonzero(on)]
+
+
+def _keep_limits(drive: Element, model: Any, old: int) -> None:
+    """Narrow the limits of a new drive, whose gear is 1, to those of the actuator that it replaces.
+
+    The control of a torque drive is a torque [N m], that of a position drive an angle [rad].
+    """
+    gear, gain = float(model.actuator_gear[old, 0]), float(model.actuator_gainprm[old, 0])
+    by_position = drive.get("input") == "pos"
+    per_control = (1.0 / gear if gear else 0.0) if by_position else gear * gain
+    affine = int(model.actuator_biastype[old]) != int(mujoco.mjtBias.mjBIAS_NONE)
+    control = int(model.actuator_ctrladr[old])
+    if model.actuator_ctrlnum[old] and model.actuator_ctrllimited[control] and affine == by_position:
+        _narrow(drive, "ctrl", model.actuator_ctrlrange[control] * per_control)
+    if model.actuator_forcelimited[old]:
+        _narrow(drive, "force", model.actuator_forcerange[old] * gear)
+
+
+def _narrow(drive: Element, what: str, ends: Array) -> None:
+    low, high = np.sort(ends)
+    present = drive.get(f"{what}range")
+    if present is not None:
+        now = [float(each) for each in present.split()]
+        low, high = max(low, now[0]), min(high, now[1])
+    if low < high:
+        drive.set(f"{what}range", text((float(low), float(high))))
+        drive.set(f"{what}limited", "true")
 
 
 def _section(root: Element, name: str) -> Element:

@@ -9,14 +9,17 @@ from __future__ import annotations
 
 from math import cos, isfinite, sin
 
+import numpy as np
 from via_core.device_parts import ServoMotor
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
+from via_export import payloads
 from via_export.target import Target
 from via_export.xml import Element, document, element, leaf
 
 VERSION = "1.11"
 MIDDLE = 0.5  # of the stop: deflection at which the stiffness of a nonlinear spring is taken
+ROUNDED = 1e-4  # relative change of an inertia that is not worth an edit by hand
 WIDE = 1e16  # SDF's own value of a missing limit
 
 
@@ -176,8 +179,27 @@ def into(source: Element, target: Target, name: str) -> list[str]:
                 there.append(value)
             elif not keeps:
                 old.text = value.text
-    change = target.rigid_inertia - float(target.nominal[P.inertia + LINK])
-    notes = [f"inertia about the axis: add {change:.6g} kg m^2 to the child link"] if change else []
+    notes = _add_payloads(source, found, target)
+    change = target.rigid_inertia - float(target.nominal[P.inertia + LINK]) - payloads.moments(target.effects)[0]
+    if abs(change) > ROUNDED * target.inertia:
+        notes.append(f"inertia about the axis: add {change:.6g} kg m^2 to the child link")
     if target.device.n_transmissions:
         notes.append("the springs need a link of their own: take the whole model instead of --into")
     return notes
+
+
+def _add_payloads(source: Element, joint: Element, target: Target) -> list[str]:
+    """Add payloads as links fixed to the child link, in the direction of its centre of mass; notes where that fails."""
+    inertia, gravity = payloads.moments(target.effects)
+    if not inertia:
+        return []
+    name, child, xyz = str(joint.get("name")), str(joint.findtext("child", "")).strip(), joint.find("axis/xyz")
+    link = next((each for each in source.iter("link") if each.get("name") == child), None)
+    pose = None if link is None else link.findtext("inertial/pose")
+    if pose is None or xyz is None or xyz.get("expressed_in") or joint.find("pose") is not None:
+        return [f"payload: add {inertia:.6g} kg m^2 about the axis of '{name}' and {gravity:.6g} N m of weight"]
+    centre, axis = (np.array([float(each) for each in str(text).split()[:3]]) for text in (pose, xyz.text))
+    model = next(each for each in source.iter("model") if joint in list(each))
+    for point in payloads.payloads_of(target.effects, name, payloads.across(centre, axis)):
+        model.extend(point.sdf(child))
+    return []

@@ -278,8 +278,9 @@ EFFECT_ROWS = (
     ),
     row(
         "payload",
-        mjcf="= inertial of the link; in a given model a body", urdf="= inertial of the link",
-        sdf="= inertial of the link", isaaclab="~ armature | the weight is missing: change the mass in the USD file",
+        mjcf="= inertial of the link; in a given model a body",
+        urdf="= inertial of the link; in a given model a link", sdf="= inertial of the link; in a given model a link",
+        isaaclab="~ armature | the weight is missing: change the mass in the USD file",
         bam="~ armature | the weight is missing: change the mass of the test bench", ros2_control=NO_PHYSICS,
     ),
     row(

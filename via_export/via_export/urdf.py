@@ -7,13 +7,17 @@ Source: URDF specification of ROS, elements link/inertial and joint/dynamics, jo
 from __future__ import annotations
 
 from math import cos, isfinite, sin
+from pathlib import Path
 
+import numpy as np
 from via_sim.joint.parameters import LINK, P
 
+from via_export import payloads
 from via_export.target import Target
 from via_export.xml import Element, document, element
 
 UNLIMITED = 1e9  # effort [N m] or velocity [rad/s] where none is known: URDF has no infinity
+ROUNDED = 1e-4  # relative change of a weight or inertia that is not worth an edit by hand
 WIDE = 1e3  # [rad] position limit on the side without a wall
 WITH_GRAVITY = "0 -1 0"  # axis about which a link that hangs along -z turns
 UPRIGHT = "0 0 1"
@@ -68,8 +72,8 @@ def _inertial(target: Target) -> Element:
     )  # fmt: skip
 
 
-def into(source: Element, target: Target, name: str) -> list[str]:
-    """Write friction, limits and changes of mass into a joint of a given robot, in place; notes for the user.
+def into(source: Element, target: Target, name: str, path: Path) -> list[str]:
+    """Write friction, limits and changes of mass into a joint of the robot of file `path`, in place. Returns notes.
 
     Raises ValueError if there is no such joint.
     """
@@ -89,7 +93,7 @@ def into(source: Element, target: Target, name: str) -> list[str]:
         "limit",
         kept | {key: limit.attrib[key] for key, value in known.items() if isfinite(value) or key not in kept},
     )
-    return _add_mass(source, found, target)
+    return _add_mass(source, found, target, path)
 
 
 def _replace(parent: Element, tag: str, attributes: dict[str, str]) -> None:
@@ -101,18 +105,26 @@ def _replace(parent: Element, tag: str, attributes: dict[str, str]) -> None:
     there.attrib.update(attributes)
 
 
-def _add_mass(source: Element, joint: Element, target: Target) -> list[str]:
-    """Change the inertia of the joint's child by that of payload, link and motors; its centre stays."""
+def _add_mass(source: Element, joint: Element, target: Target, path: Path) -> list[str]:
+    """Add payloads as links, and other changes of inertia to that of the joint's child, whose centre stays."""
+    inertia_added, gravity_added = payloads.moments(target.effects)
     child = str(getattr(joint.find("child"), "attrib", {}).get("link"))
     link = next(each for each in source.iter("link") if each.get("name") == child)
     inertia = link.find("inertial/inertia")
-    change = target.rigid_inertia - float(target.nominal[P.inertia + LINK])
-    if inertia is None:
-        return [f"link '{child}' has no inertia: {change:.6g} kg m^2 about the joint's axis were not added"]
-    for key in ("ixx", "iyy", "izz"):
-        inertia.set(key, f"{float(inertia.get(key, '0')) + change:.10g}")
+    change = target.rigid_inertia - float(target.nominal[P.inertia + LINK]) - inertia_added
     notes = []
+    if inertia is not None:
+        for key in ("ixx", "iyy", "izz"):
+            inertia.set(key, f"{float(inertia.get(key, '0')) + change:.10g}")
+    elif abs(change) > ROUNDED * target.inertia:
+        notes.append(f"link '{child}' has no inertia: {change:.6g} kg m^2 about the joint's axis were not added")
+    if inertia_added:
+        axis = str(getattr(joint.find("axis"), "attrib", {}).get("xyz", "1 0 0"))
+        direction = payloads.hanging(path, str(joint.get("name")), np.array([float(each) for each in axis.split()]))
+        for point in payloads.payloads_of(target.effects, str(joint.get("name")), direction):
+            source.extend(point.urdf(child))
     weight = target.gravity_torque - abs(float(target.nominal[P.gravity_torque]))
-    if abs(weight) > 0.0:
+    weight -= gravity_added * (float(target.nominal[P.gravity]) != 0.0)
+    if abs(weight) > ROUNDED * max(target.gravity_torque, 1e-3):
         notes.append(f"change of the gravity torque by {weight:.6g} N m: move the centre of mass of link '{child}'")
     return notes

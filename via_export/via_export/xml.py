@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
 Element = ElementTree.Element
@@ -54,3 +56,57 @@ def document(root: Element, comment: str = "", declaration: bool = False) -> str
 def parsed(source: str) -> Element:
     """The root of an XML text, comments included. Raises ElementTree.ParseError."""
     return ElementTree.fromstring(source, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
+
+
+@dataclass(frozen=True)
+class Edited:
+    """An XML file that is edited: what does not change keeps its place, its indentation and its comments.
+
+    present  elements of the source, which keeps them alive: they are known by their identity
+    """
+
+    source: str
+    root: Element
+    present: tuple[Element, ...]
+
+    @staticmethod
+    def of(source: str) -> Edited:
+        """Raises ElementTree.ParseError."""
+        root = parsed(source)
+        return Edited(source, root, tuple(root.iter()))
+
+    def text(self, comment: str) -> str:
+        """The file with new elements indented like their neighbours; `comment` follows the root's start."""
+        _lay_out(self.root, set(map(id, self.present)), "\n")
+        note = ElementTree.Comment(f" {comment.replace('--', '- -')} ")
+        note.tail = self.root.text if _is_break(self.root.text) else "\n"
+        self.root.insert(0, note)
+        made = ElementTree.tostring(self.root, encoding="unicode")
+        if 2 * self.source.count(" />") < self.source.count("/>"):  # the style of the source
+            made = re.sub(r"(<!--.*?-->)| />", lambda found: found[1] or "/>", made, flags=re.DOTALL)
+        plain = re.sub(r"<!--.*?-->", lambda found: " " * len(found[0]), self.source, flags=re.DOTALL)
+        begin = re.search(r"<[A-Za-z_]", plain)
+        head = self.source[: begin.start()] if begin else ""
+        return head + made + self.source[plain.rindex(">") + 1 :]
+
+
+def _is_break(text: str | None) -> bool:
+    return text is not None and "\n" in text and not text.strip()
+
+
+def _lay_out(parent: Element, known: set[int], own: str) -> None:
+    """Place new children of an element, which itself begins after the line break and indentation `own`."""
+    children = list(parent)
+    present = id(parent) in known and _is_break(parent.text)
+    inner = "\n" + str(parent.text).rsplit("\n", 1)[1] if present else own + "  "
+    for child in children:
+        _lay_out(child, known, inner)
+    if all(id(child) in known for child in children):
+        return
+    if not present and not (parent.text or "").strip():
+        parent.text = inner
+    for child, following in zip(children, [*children[1:], None], strict=True):
+        if following is None:
+            child.tail = own
+        elif id(child) not in known or id(following) not in known:
+            child.tail = inner

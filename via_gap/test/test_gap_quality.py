@@ -10,6 +10,9 @@ from via_core.signals import Signals
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import log_noise
 from via_gap.logs.quality import Quality, assess
+from via_gap.report.report import HeldOutInterval
+from via_gap.report.withheld import compared_segments
+from via_gap.residual.recordings import Recordings
 
 STEP = 9.587e-5
 DATA = Path(os.environ.get("VIA_REAL_LOGS", "real-logs"))
@@ -186,3 +189,15 @@ def test_real_cogging_is_not_taken_for_a_controller():
         channels = {"q": table[:, 1] * 2.0 * np.pi / 8192, "tau": 0.0551 * table[:, 2:]}
         log = JointLog(path.name, rigid(), Signals(table[:, 0], channels, {"q": "rad", "tau": "N m"}), None)
         assert quality(log).cannot_tell == ""
+
+
+def test_a_gap_measured_again_compares_the_segments_of_the_diagnosis(clean):
+    """Those where commands are missing belong neither to the report nor to `via gap simulate --report`."""
+    commands = clean.commands
+    sent = (commands.time < 3.0) | (commands.time > 3.4)
+    lost = Signals(commands.time[sent], {"motor": commands["motor"][sent]}, commands.units, commands.held)
+    log = changed(clean, commands=lost)
+    (diagnosed,) = Recordings.of([log], None, log.device).fitted
+    (segments,), (chosen,) = compared_segments([log], [HeldOutInterval(log=log.name, begin=0.0, end=9.0)])
+    np.testing.assert_array_equal(chosen, np.flatnonzero(diagnosed.valid))
+    assert 0 < len(chosen) < len(segments)

@@ -27,3 +27,9 @@ def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:
         assert (case["right"], case["where_right"], case["truths"][0]["effect"]) == (True, True, effect)
         assert case["explained"] > 0.9
         assert abs(case["predicted"] - case["measured"]) < 0.05
+        exported = tmp_path / seed / "export.json"
+        compared = runner.invoke(app, ["export", cases, "--results", results, "--json", str(exported)])
+        assert compared.exit_code == 0 and "largest difference with slots" in compared.output, compared.output
+        (made,) = json.loads(exported.read_text())
+        assert made["effects"] == [f"{effect} at link"] and made["lost"] == []
+        assert made["mujoco"] == pytest.approx(made["via_sim"], abs=0.001)

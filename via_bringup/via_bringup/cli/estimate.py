@@ -1,21 +1,25 @@
-"""`via estimate BAG`: run estimators on a bag without ROS. The estimates equal those of the node bit for bit."""
+"""`via estimate LOG`: run estimators on a recording without ROS. From a bag they equal the node's bit for bit."""
 
 from __future__ import annotations
 
 import csv
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 from rich.table import Table
-from via_core.bags.reader import read_bag
+from via_core.bags.reader import Bag, read_bag
 from via_core.devices import load_device
 from via_core.errors import ViaError
+from via_core.recordings.channels import joint_of
+from via_core.recordings.tables import Tables, is_bag, read_tables
 from via_core.status import Status
 from via_estimators.contract import Estimates
 from via_estimators.methods import Pair, estimator_for, pairs_of
-from via_estimators.rows import BagEstimates, estimate_bag
+from via_estimators.rows import BagEstimates, estimate_bag, estimate_table
 
 from via_bringup.cli.console import answers, errors, table, working
 from via_bringup.cli.outputs import check_files
@@ -24,33 +28,31 @@ UNITS = {"stiffness": "N m/rad", "motor_inertia": "kg m^2", "motor_damping": "N 
 
 
 def estimate(
-    bag: Annotated[Path, typer.Argument(help="Bag folder or .mcap file.")],
+    log: Annotated[Path, typer.Argument(help="Bag, CSV, Parquet, NumPy, MATLAB or JSON file.")],
     device: Annotated[
         list[str], typer.Option(help="Device name (see `via devices`) or path to its YAML; repeat for several.")
     ],
     method: Annotated[
         list[str] | None, typer.Option(help="Estimator name, all, or auto (the default); repeat for several.")
     ] = None,
-    joint_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = "/joint_states",
+    joint_topic: Annotated[str, typer.Option(help="Topic of the joint states of a bag.")] = "/joint_states",
     out: Annotated[
         Path | None, typer.Option("--csv", help="Write all estimates to this CSV file, or one file per estimator.")
     ] = None,
 ) -> None:
-    """Estimate stiffness and damping from a bag and print the last values."""
+    """Estimate stiffness and damping from a bag or a table and print the last values."""
     check_files(out)
     pairs = pairs_of([load_device(each) for each in device], method or ["auto"])
-    read = read_bag(bag)
-    for remark in read.remarks:
-        errors.print(f"note: {remark}")
+    source = _Source(log, joint_topic)
     results: list[tuple[Pair, BagEstimates]] = []
-    with working(f"estimating from {bag.name}") as progress:
+    with working(f"estimating from {log.name}") as progress:
         for pair in pairs:
             progress(f"{pair.device.name} by {pair.method}", len(results) / len(pairs))
-            results.append((pair, estimate_bag(read, pair.device, estimator_for(*pair), joint_topic)))
+            results.append((pair, source.estimates(pair)))
     lacking = [f"{pair.device.name}: {what}" for pair, each in results for what in _missing(each, _inputs(pair))]
-    for complaint in dict.fromkeys([*read[joint_topic].left_out, *lacking]):
+    for complaint in dict.fromkeys([*source.remarks, *lacking]):
         errors.print(f"note: {complaint}")
-    shown = table(bag.name, "device", "method", "estimate", "value", "sd", "unit", "last trusted at [s]")
+    shown = table(log.name, "device", "method", "estimate", "value", "sd", "unit", "last trusted at [s]")
     for pair, (_, estimates) in results:
         _add_last(shown, pair, estimates)
     answers.print(_texts_left(shown, 3))
@@ -65,6 +67,32 @@ def estimate(
             path = out if len(results) == 1 else out.with_stem(f"{out.stem}_{pair.device.name}_{pair.method}")
             _write(path, each)
             answers.print(f"wrote {path}")
+
+
+@dataclass
+class _Source:
+    """A recording, read once for all estimators: messages of a bag by joint name, tables by `wire.columns`."""
+
+    path: Path
+    joint_topic: str
+    remarks: list[str] = field(default_factory=list)
+
+    @cached_property
+    def bag(self) -> Bag:
+        read = read_bag(self.path)
+        self.remarks += [*read.remarks, *read[self.joint_topic].left_out]
+        return read
+
+    @cached_property
+    def tables(self) -> Tables:
+        return read_tables(self.path)
+
+    def estimates(self, pair: Pair) -> BagEstimates:
+        device, estimator = pair.device, estimator_for(*pair)
+        bag = is_bag(self.path)
+        if bag and not any(entry.topic for entry in device.wire.columns.values()):
+            return estimate_bag(self.bag, device, estimator, self.joint_topic)
+        return estimate_table(joint_of(self.tables, device, str(self.path), bag), estimator)
 
 
 def _inputs(pair: Pair) -> tuple[str, ...]:
@@ -97,9 +125,7 @@ def _missing(result: BagEstimates, inputs: tuple[str, ...]) -> list[str]:
     shares = np.mean(~np.isfinite(rows), axis=0) if len(rows) else np.ones(len(inputs))
     constant = [len(rows) > 1 and bool(np.all(column == column[0])) for column in rows.T]
     lacking = [
-        f"{name} is in none of the messages"
-        if share == 1.0
-        else f"{name} is missing in {100 * share:.3g} % of the samples"
+        f"{name} was not recorded" if share == 1.0 else f"{name} is missing in {100 * share:.3g} % of the samples"
         for name, share in zip(inputs, shares, strict=True)
         if share > 0.0
     ]

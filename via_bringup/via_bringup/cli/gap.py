@@ -24,6 +24,7 @@ from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, working
 from via_bringup.cli.outputs import check_files
+from via_bringup.cli.own_effects import OwnEffects
 
 if TYPE_CHECKING:
     from via_gap.run.arms import ArmDiagnosis
@@ -50,6 +51,7 @@ def diagnose(
     effects_out: Annotated[
         Path | None, typer.Option(help="Write the effects and refitted device parameters to this effects file.")
     ] = None,
+    own_effects: OwnEffects = None,
 ) -> None:
     """Locate the gap between logs and model, identify its causes, and report the fraction that they explain.
 
@@ -110,6 +112,7 @@ def _named(path: Path, joint: str) -> Path:
 def render(
     report: Annotated[Path, typer.Argument(help="Report written by `via gap diagnose --json`.")],
     html: Annotated[Path | None, typer.Option(help="Write the report as one HTML page to this file.")] = None,
+    own_effects: OwnEffects = None,
 ) -> None:
     """Print a saved report as text; optionally write it as an HTML page."""
     check_files(html)
@@ -131,6 +134,7 @@ def simulate(
     arm: Arm = None,
     payload: Annotated[Path | None, typer.Option(help="report_payload.json of `via gap diagnose --arm`.")] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
+    own_effects: OwnEffects = None,
 ) -> None:
     """Simulate logs without and with effects and print both errors against the measurement.
 

@@ -15,6 +15,7 @@ from via_gap.report.report import read_report
 
 from via_bringup.cli.console import answers, working
 from via_bringup.cli.outputs import check_files
+from via_bringup.cli.own_effects import OwnEffects
 
 
 def propose_motion(
@@ -24,6 +25,7 @@ def propose_motion(
     device: Annotated[str, typer.Option(help="Device name or path to its YAML; default: the report's joint.")] = "",
     out: Annotated[Path | None, typer.Option(help="Write the commands to this .csv file or new bag folder.")] = None,
     reach: Annotated[float, typer.Option(min=0.01, max=6.0, help="Largest motor angle from rest \\[rad].")] = RANGE,
+    own_effects: OwnEffects = None,
 ) -> None:
     """Propose the motion that best separates the tied causes of a report, within the device's limits.
 

@@ -10,6 +10,7 @@ import numpy as np
 import typer
 from via_core.command_files import columns_of, read_motion, write_table
 from via_core.devices import Device, load_device
+from via_core.errors import ViaError
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
 from via_sim.plants import JointPlant
@@ -18,6 +19,7 @@ from via_sim.simulate import InitialConditions, simulate
 
 from via_bringup.cli.console import answers
 from via_bringup.cli.outputs import check_files
+from via_bringup.cli.own_effects import OwnEffects
 from via_bringup.cli.run import execute_node, ros_arguments
 
 
@@ -31,6 +33,7 @@ def run_simulator(
         Path | None, typer.Option(help="Simulate the commands of this .csv file instead, without ROS.")
     ] = None,
     record: Annotated[Path, typer.Option(help="With --commands: log to write (.csv).")] = Path("log.csv"),
+    own_effects: OwnEffects = None,
 ) -> None:
     """Run the simulator node until interrupted; it subscribes to VsaCommand on /<device>/command."""
     described = load_device(device)  # errors appear here in one line, before the node starts
@@ -40,6 +43,8 @@ def run_simulator(
         simulate_file(described, added, commands, record, rate, seed)
         answers.print(f"wrote {record}")
         return
+    if own_effects:
+        raise ViaError("--own-effects needs --commands: the node has the effects of the catalogue alone")
     arguments = ros_arguments(device=device, mode=mode, effects=str(effects or ""), rate=rate, seed=seed)
     execute_node("via_sim", "simulator", arguments)
 

@@ -215,7 +215,7 @@ class _Importer:
         }
         if self.mapping.commands is not None:
             findings += _command_findings(command_time, in_order, commands)
-        joints = _columns([values[each.column] for each in table.joints], usable)
+        joints = _columns([each.at_stamps(values[each.column]) for each in table.joints], usable)
         if self.device is not None and usable.any():
             measured = self._measured(time[usable], joints, self.device)
             units = {**UNITS, "torque": "N m"}

@@ -50,13 +50,14 @@ class BagInfo:
 
 
 def info(path: str | Path) -> BagInfo:
-    """Summary of a bag directory or .mcap file. Raises BagError when nothing can be read."""
+    """Summary of a bag, MCAP or sqlite3. Raises BagError when nothing can be read."""
     bag = read_bag(path)
     times = [topic.log_time for topic in bag.topics.values() if len(topic)]
     duration = (
         (max(int(each.max()) for each in times) - min(int(each.min()) for each in times)) * 1e-9 if times else 0.0
     )
-    size = sum(file.stat().st_size for file in files_of(bag.path))
+    databases = sorted(bag.path.glob("*.db3")) if bag.path.is_dir() else ()
+    size = sum(file.stat().st_size for file in (*files_of(bag.path), *databases))
     topics = tuple(_topic_info(topic) for _, topic in sorted(bag.topics.items()))
     return BagInfo(bag.path, size, len(bag), duration, topics, bag.metadata, bag.complete, bag.remarks)
 

@@ -13,13 +13,16 @@ from pathlib import Path
 from string import Formatter
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import regex
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from via_core.device_parts import Part, Text
 from via_core.errors import ImportMapError, ParameterError
 from via_core.limits import LIMITS
+from via_core.problems import problems
 from via_core.recordings.units import factor, is_unit, kind
+from via_core.signals import Array
 from via_core.text_files import read_text, read_yaml, shown
 
 
@@ -72,11 +75,26 @@ class TimeColumn(_Column):
 class JointColumn(_Column):
     """A quantity of one joint in sensor_msgs/JointState.
 
-    joint  'link' or 'motor_<i>' of the mapping's device, 'motor_1' for the drive of a rigid one, or a joint's own name
+    joint     'link' or 'motor_<i>' of the mapping's device, 'motor_1' for the drive of a rigid one, or a joint's name
+    interval  of an effort: 'ends' where it acted until the stamp, as messages state it; 'begins' where it acts from the
+              stamp on, as in the row of a controller that reads, computes and logs. The bag then has it one row later
     """
 
     joint: Text
     quantity: Literal["position", "velocity", "effort"]
+    interval: Literal["ends", "begins"] = "ends"
+
+    @model_validator(mode="after")
+    def _interval_of_an_effort(self) -> JointColumn:
+        if self.interval == "begins" and self.quantity != "effort":
+            raise ValueError(f"column '{self.column}': interval belongs to an effort, got quantity {self.quantity}")
+        return self
+
+    def at_stamps(self, values: Array) -> Array:
+        """Values (N,) as messages with the stamps of the rows state them."""
+        if self.interval == "ends":
+            return values
+        return np.concatenate([[np.nan], values[:-1]])[: len(values)]
 
 
 class CommandColumn(_Column):
@@ -212,10 +230,7 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
     try:
         mapping = Mapping.model_validate(read_yaml(read_text(where, ImportMapError), where.name, ImportMapError))
     except ValidationError as error:
-        problems = "; ".join(
-            f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors()
-        )
-        raise ImportMapError(f"{where.name}: {problems}") from None
+        raise ImportMapError(f"{where.name}: {problems(error)}") from None
     if mapping.device is not None and re.search(r"[/\\]|\.ya?ml$", mapping.device):
         return mapping.model_copy(update={"device": str(where.parent / mapping.device)})  # relative to the mapping
     return mapping

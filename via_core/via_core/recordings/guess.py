@@ -16,7 +16,7 @@ import numpy as np
 
 from via_core.errors import SignalError
 from via_core.recordings.tables import Tables, numbers
-from via_core.recordings.units import COUNTS, is_unit, kind
+from via_core.recordings.units import COUNTS, factor, is_linear, is_unit, kind
 from via_core.signals import Array
 
 if TYPE_CHECKING:
@@ -41,6 +41,10 @@ UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N m", "current": "A"
 KINDS = {"position": "angle", "velocity": "speed", "torque": "torque", "current": "current"}
 TURNS = 3.0  # turns beyond which the angle of a joint without known limits is in other units than rad
 NOISE_ROWS = 20_000  # rows that guesses look at
+# Units at the end of names without separators, as in `ElbowAngleDeg`.
+JOINED = {"Deg": "deg", "Rad": "rad", "Nm": "N m", "Rpm": "rpm", "Dps": "dps", "Ms": "ms", "Us": "us", "Sec": "s"}
+SPEEDS = {False: ("rad/s", "deg/s", "rpm", "turn/s"), True: ("m/s", "mm/s")}  # by whether a joint slides
+SPEED_ERROR = 0.2  # relative difference between a speed and the change of the position: their units differ more
 
 
 @dataclass(frozen=True)
@@ -97,8 +101,6 @@ def guess_time(frame: DataFrame, bag: bool = False) -> TimeGuess | None:
         unit = "s" if step < 0.2 else "ms" if step < 200.0 else "us" if step < 2e5 else "ns"
         reason = f"{'named so' if named else 'the only column that increases'}; unit guessed from steps of {step:g}"
     scale = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-    from via_core.recordings.units import factor
-
     return TimeGuess(name, unit, 1.0 / (step * scale.get(unit, factor(unit))), reason)
 
 
@@ -123,6 +125,10 @@ def split_name(name: str) -> tuple[list[str], str]:
                 and (kind(text) or COUNTS.fullmatch(text))
             ):
                 name, unit = name[: tail.start()], text
+        else:
+            joined = re.search(rf"(?<=[a-z0-9])({'|'.join(JOINED)})$", name)
+            if joined:
+                name, unit = name[: joined.start()], JOINED[joined[1]]
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)]
     return words, unit
 
@@ -151,7 +157,39 @@ def guess_columns(
                 else:
                     guess = _by_values(guess, values, (limits or {}).get(guess.joint))
             found.append(guess)
-    return _numbered(found if joints else _by_path(found), joints)
+    named = _numbered(found if joints else _by_path(found), joints)
+    return [_by_slope(guess, named, tables[guess.table], bag) for guess in named]
+
+
+def _by_slope(guess: ColumnGuess, guesses: Sequence[ColumnGuess], frame: DataFrame, bag: bool) -> ColumnGuess:
+    """The guess of a speed without a stated unit, with the unit in which it is the change of its joint's position."""
+    position = next(
+        (e for e in guesses if (e.table, e.joint, e.quantity) == (guess.table, guess.joint, "position")), None
+    )
+    time = guess_time(frame, bag)
+    if (
+        guess.sure
+        or guess.quantity != "velocity"
+        or position is None
+        or time is None
+        or COUNTS.fullmatch(position.unit)
+    ):
+        return guess
+    t, q, v = (numbers(frame, name)[:NOISE_ROWS] for name in (time.column, position.column, guess.column))
+    there = np.isfinite(t) & np.isfinite(q) & np.isfinite(v)
+    t, q, v = t[there] * factor(time.unit), q[there] * factor(position.unit), v[there]
+    # Travel over half a second: encoder steps and the delay of a filtered speed do not matter.
+    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    apart = max(1, round(0.5 * time.rate))
+    moved, summed = q[apart:] - q[:-apart], travelled[apart:] - travelled[:-apart]
+    power = float(summed @ summed)
+    if power == 0.0:
+        return guess
+    ratio = float(moved @ summed) / power  # SI speed per unit of the column
+    unit = min(SPEEDS[is_linear(position.unit)], key=lambda each: abs(np.log(max(ratio, 1e-12) / factor(each))))
+    if abs(ratio / factor(unit) - 1.0) > SPEED_ERROR:
+        return replace(guess, reason=f"{guess.reason}; the position changes {ratio:.3g} times as fast; check")
+    return replace(guess, unit=unit, reason=f"{guess.reason}, unit by the change of the position")
 
 
 def _by_name(table: str, column: str, joints: Sequence[str], bag: bool) -> ColumnGuess:

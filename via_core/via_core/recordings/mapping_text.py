@@ -17,6 +17,7 @@ from via_core.recordings.tables import TEXTS, delimiter_of
 from via_core.recordings.units import COUNTS
 
 QUANTITIES = {"position": "position", "velocity": "velocity", "torque": "effort", "current": "effort"}
+_OWN_TORQUE = re.compile(r"tau_(link|\d)")  # columns of VIA's own tables: until the stamp, as in messages
 COMMANDS = {"position command": "equilibrium", "torque command": "torque"}
 
 
@@ -47,15 +48,19 @@ def mapping_text(
             ignored.append((guess.column, reason or f"another column is already the {guess.quantity}"))
             continue
         taken.add(goal)
+        why = guess.reason
         if quantity:
             entry |= {"joint": name, "quantity": quantity, "unit": guess.unit}
+            if quantity == "effort" and not _OWN_TORQUE.fullmatch(guess.column):
+                entry["interval"] = "begins"
+                why += "; taken as what acts from the stamp on, `ends`: until the stamp"
         else:
             entry |= {"quantity": COMMANDS[guess.quantity], "unit": guess.unit}
         if COUNTS.fullmatch(guess.unit):
             entry["counts_per_turn"] = constants.counts_per_turn
         if guess.quantity == "current":
             entry["torque_constant"] = constants.torque_constant
-        (joints if quantity else commands).append((entry, guess.reason))
+        (joints if quantity else commands).append((entry, why))
     if not any(entry["quantity"] == "position" for entry, _ in joints):
         raise SignalError(f"{path}: no column looks like a position; there are: {', '.join(g.column for g in guesses)}")
     pattern = "(?P<run>" + re.sub(r"\d+", r"\\d+", re.escape(path.stem)) + ")" + re.escape(path.suffix)

@@ -19,7 +19,8 @@ SPELLED = {
     "kNm": "kN m", "Ncm": "N cm", "in": "inch", "lb": "pound", "lbf in": "pound_force inch", "inlb": "pound_force inch",
     "in lb": "pound_force inch", "ft lb": "pound_force foot", "ftlb": "pound_force foot", "rev": "turn",
     "revs": "turn", "sec": "s", "secs": "s", "usec": "us", "msec": "ms", "nsec": "ns", "degs": "deg", "°": "deg",
-    "rads": "rad", "rps": "turn/s", "kgf cm": "kilogram_force cm", "oz in": "force_ounce inch",
+    "rads": "rad", "rps": "turn/s", "dps": "deg/s",
+    "degps": "deg/s", "radps": "rad/s", "mmps": "mm/s", "kgf cm": "kilogram_force cm", "oz in": "force_ounce inch",
 }  # fmt: skip
 FORCE = "[length] * [mass] / [time] ** 2"
 DIMENSIONS = {  # of joints that slide, and of what has no rad

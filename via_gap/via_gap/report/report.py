@@ -15,6 +15,7 @@ from typing import Literal
 
 from pydantic import ValidationError, model_validator
 from via_core.errors import ParameterError
+from via_core.problems import problems
 from via_sim.effects import Effect
 from via_sim.effects.device_numbers import DEVICE_NUMBERS
 from via_sim.effects.files import save_effects
@@ -230,8 +231,6 @@ def read_report(text: str, file: str) -> GapReport:
     try:
         return GapReport.model_validate_json(text)
     except ValidationError as error:
-        first = error.errors()[0]
-        key, what = ".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, ")
-        raise ParameterError(f"{file}: not a gap report: {f'{key}: ' if key else ''}{what}") from None
+        raise ParameterError(f"{file}: not a gap report: {problems(error, 1)}") from None
     except ValueError as error:
         raise ParameterError(f"{file}: not a gap report: {' '.join(str(error).split())}") from None

@@ -21,6 +21,7 @@ Source: W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Bu
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,7 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 from scipy.stats import t as student
 from via_core.errors import SignalError
+from via_core.problems import problems
 from via_core.signals import Array
 from via_core.text_files import read_text
 
@@ -88,8 +90,15 @@ def read_payload(path: Path) -> Payload:
     try:
         return TypeAdapter(Payload).validate_json(read_text(path))
     except ValidationError as error:
-        first = error.errors()[0]
-        raise SignalError(f"{path}: {'.'.join(map(str, first['loc'])) or 'payload'}: {first['msg'].lower()}") from None
+        raise SignalError(f"{path}: no payload of an arm: {problems(error)}") from None
+
+
+def is_payload(path: Path) -> bool:
+    """Whether a JSON file holds a payload of an arm rather than a report of a joint."""
+    try:
+        return {"link", "mass", "position"} <= json.loads(read_text(path)).keys()
+    except (ValueError, AttributeError, RecursionError):
+        return False
 
 
 def with_payload(arm: Arm, payload: Payload) -> Arm:

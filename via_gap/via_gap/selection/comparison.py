@@ -3,6 +3,9 @@
 Commands between the samples of a log are not known. If straight lines explain the motion better than steps
 (between.py), the search is repeated with lines.
 
+Blocks of a log mislead where a motion repeats with them: a wall that only fitted blocks touch improves no held-out
+block. If a model leaves an error on one side alone, the search is repeated with finely alternating segments.
+
 An effect that begins or ends at one time of a run is visible only in the segments around it. If the best model has such
 times, they are fitted on all segments, and the search is repeated with those segments among the fitted ones.
 """
@@ -55,6 +58,10 @@ def compare_models(experiment: Experiment, candidates: CandidateSet, progress: P
     if found:  # decided once: lines that help one effect a little may harm another
         experiment, candidates = found[0], candidates_of(found[0])
         models = [] if noise_only(experiment.tuned) else _searched(experiment, candidates, progress)
+    if experiment.lopsided(models):
+        experiment = experiment.around(())
+        candidates = candidates_of(experiment)
+        models = _searched(experiment, candidates, progress)
     best = min(models, key=lambda each: each.score, default=experiment.tuned)
     if experiment.folds is not None or not event_times(best.fit):
         return ModelComparison(experiment, candidates, models)

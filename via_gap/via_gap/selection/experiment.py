@@ -24,7 +24,7 @@ from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Indices, Segments, lined
 from via_gap.selection.evidence import Evaluation, clearly_worse, evaluate, predicts
 from via_gap.selection.folds import Folds
-from via_gap.selection.holdout import one_sided, split, split_finely
+from via_gap.selection.holdout import lopsided, one_sided, split, split_finely
 from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.torque_bound import torque_bound
 
@@ -103,6 +103,19 @@ class Experiment:
         """The same with finely alternating segments; those that contain one of `events` [s] are fitted."""
         train, held = split_finely(self.segments, events)
         return _experiment(self.segments, train, held, self.by_equations, self.fitted.robust)
+
+    def lopsided(self, models: Sequence[Evaluation]) -> bool:
+        """Whether one of the useful models leaves errors in the fitted or in the held-out blocks alone.
+
+        Then a motion repeats with the blocks, and held-out errors say nothing about it. Held-out whole logs stay so.
+        """
+        if not any(len(a) and len(b) for a, b in zip(self.train, self.held, strict=True)):
+            return False
+        return any(
+            lopsided(self.fitted.per_segment(each.fit.residual), each.segments, NUMBERS.no_gap)
+            for each in models
+            if each.score < self.tuned.score
+        )
 
     def in_lines(self, late: float) -> Experiment:
         """The same with commands interpolated linearly between samples, delayed by `late` [s]."""

@@ -65,6 +65,13 @@ def one_sided(fitted: Array, held_out: Array, noise: float) -> bool:
     return max(sizes) > noise and min(sizes) < LEAST * max(sizes)
 
 
+def lopsided(fitted: Array, held_out: Array, noise: float) -> bool:
+    """`one_sided` without the worst segment of each side: other blocks cannot share out a single segment."""
+    if min(len(fitted), len(held_out)) < 2:
+        return False
+    return one_sided(np.sort(fitted)[:-1], np.sort(held_out)[:-1], noise)
+
+
 def _by_blocks(valid: Sequence[Indices], size: Sequence[int]) -> tuple[list[Indices], list[Indices]]:
     long = [max(1, min(n, len(which) // len(PATTERN))) for which, n in zip(valid, size, strict=True)]
     fitted = [np.array(PATTERN)[which // n % len(PATTERN)] for which, n in zip(valid, long, strict=True)]
