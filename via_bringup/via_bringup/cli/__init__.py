@@ -50,7 +50,8 @@ COMMANDS = {
         "Write a commented device file from a model (URDF, MJCF), a recording, both, or the answers to questions.",
     ),
     "estimate": Entry(
-        "via_bringup.cli.estimate:estimate", "Estimate stiffness and damping from a bag and print the last values."
+        "via_bringup.cli.estimate:estimate",
+        "Estimate stiffness and damping from a bag or a table and print the last values.",
     ),
     "observe": Entry(
         "via_bringup.cli.observe:observe",

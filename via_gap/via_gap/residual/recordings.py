@@ -82,3 +82,8 @@ class Recordings:
 def follows(device: Device) -> bool:
     """Whether motors follow their commands, so that the simulation of a whole log does not drift."""
     return device.drive == "servo" and device.n_motors > 0
+
+
+def cut_as_diagnosed(log: JointLog) -> Segments:
+    """The segments of a log as a diagnosis cuts them: those where it cannot be used are invalid."""
+    return cut_log(log, quality=assess(log, log_noise(log)))

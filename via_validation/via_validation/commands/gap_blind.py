@@ -7,17 +7,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 import yaml
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 from via_bringup.cli.console import answers, errors, table
-from via_core.devices import load_device
 from via_core.errors import ViaError
-from via_gap.logs.log import read_log
 from via_gap.report.report import read_report
-from via_gap.report.withheld import before_and_after
 from via_gap.selection.reliability import Calibrated, calibrated
 
 from via_validation.provenance import provenance
@@ -162,12 +158,11 @@ def measure(
     as_file: Annotated[Path, typer.Option("--json", help="Write `before`, `after` and `floor` to this file.")],
 ) -> None:
     """Measure the gap of a withheld log before and after the repair of a report."""
-    diagnosed, nominal = read_report(_text(report), str(report)), load_device(device)
-    logs = diagnosed.as_read([read_log(log, nominal)])
-    before, after = before_and_after(logs, nominal, diagnosed.repaired(), (), diagnosed.by_equations)
-    gap = {"before": before.overall, "after": after.overall, "floor": float(np.sqrt(np.mean(after.floors**2)))}
+    from via_validation.sealed.withheld import gap_of_repair
+
+    gap = gap_of_repair(log, device, read_report(_text(report), str(report)))
     as_file.write_text(json.dumps(gap, allow_nan=False) + "\n", encoding="utf-8")
-    answers.print(f"gap {before.overall:.4g} before, {after.overall:.4g} after")
+    answers.print(f"gap {gap['before']:.4g} before, {gap['after']:.4g} after")
 
 
 @app.command("export")
