@@ -158,7 +158,7 @@ def measure(
     as_file: Annotated[Path, typer.Option("--json", help="Write `before`, `after` and `floor` to this file.")],
 ) -> None:
     """Measure the gap of a withheld log before and after the repair of a report."""
-    from via_validation.sealed.withheld import gap_of_repair
+    from via_validation.withheld_gap import gap_of_repair
 
     gap = gap_of_repair(log, device, read_report(_text(report), str(report)))
     as_file.write_text(json.dumps(gap, allow_nan=False) + "\n", encoding="utf-8")
@@ -172,7 +172,7 @@ def check_exports(
     as_file: Annotated[Path | None, typer.Option("--json", help="Write every number to this file.")] = None,
 ) -> None:
     """Export the repair of every report to MuJoCo and compare the gap there; exit code 1 if one differs by 2 points."""
-    from via_validation.sealed.exported import exported_cases
+    from via_validation.exported_cases import exported_cases
     from via_validation.sealed.sealing import names_in
 
     found = []
