@@ -155,7 +155,6 @@ def test_a_block_is_a_file_only_if_its_own_paragraph_says_so(tmp_path: Path):
     assert (second.file, second.commands) == ("", ["via devices"])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("guide", GUIDES, ids=lambda guide: guide.stem)
 def test_every_block_of_a_guide_runs(guide: Path, tmp_path: Path, domain: int):
     with shell_in(tmp_path, domain) as shell:
