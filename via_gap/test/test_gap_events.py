@@ -6,7 +6,7 @@ from gap_logs import flexible, log_of
 from via_gap.candidates.location import locations
 from via_gap.diagnosis import diagnose
 from via_gap.residual.segments import cut_log
-from via_gap.selection.holdout import split, split_finely
+from via_gap.selection.holdout import lopsided, one_sided, split, split_finely
 from via_sim.effects import Effect
 
 START, STOP = 5.33, 9.57  # in blocks that are held out whole
@@ -45,3 +45,19 @@ def test_a_push_beside_friction_is_named_though_all_its_edges_were_held_out(monk
     assert found["external_torque"]["torque"].value == pytest.approx(0.06, rel=0.05)
     assert found["external_torque"]["start"].value == pytest.approx(START, abs=0.005)
     assert found["external_torque"]["stop"].value == pytest.approx(STOP, abs=0.005)
+
+
+def test_errors_on_one_side_show_that_a_motion_repeats_with_the_blocks():
+    noise, rng = 1.2, np.random.default_rng(2)
+    fitted, held_out = 1.0 + 0.1 * rng.random(40), 1.0 + 0.1 * rng.random(30)
+    assert not lopsided(fitted, held_out, noise)
+    wall = fitted.copy()
+    wall[[3, 11, 25]] = 500.0
+    assert lopsided(wall, held_out, noise) and lopsided(held_out, wall, noise)
+    single = fitted.copy()
+    single[3] = 500.0  # other blocks cannot share it out
+    assert one_sided(single, held_out, noise) and not lopsided(single, held_out, noise)
+    shared = held_out.copy()
+    shared[[2, 9]] = 500.0
+    assert not lopsided(wall, shared, noise)
+    assert not lopsided(wall[:1], held_out, noise)
