@@ -95,7 +95,7 @@ def _is_break(text: str | None) -> bool:
 
 
 def _lay_out(parent: Element, known: set[int], own: str) -> None:
-    """Place new children of an element, which itself begins after the line break and indentation `own`."""
+    """Lay out new children of an element. `own`: line break and indentation before this element."""
     children = list(parent)
     present = id(parent) in known and _is_break(parent.text)
     inner = "\n" + str(parent.text).rsplit("\n", 1)[1] if present else own + "  "

@@ -10,8 +10,7 @@ from via_core.errors import SignalError
 from via_sim.effects import Effect
 
 from via_gap.logs.log import JointLog, believed
-from via_gap.logs.noise import log_noise
-from via_gap.logs.quality import assess
+from via_gap.logs.quality import assessed
 from via_gap.report.report import HeldOutInterval
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.inverse_dynamics import InverseDynamics
@@ -63,7 +62,7 @@ def compared_segments(
 
 def _cut(log: JointLog, as_diagnosed: bool) -> Segments:
     """The segments of a log; as in a diagnosis, those where it cannot be used are invalid."""
-    return cut_log(log, quality=assess(log, log_noise(log)) if as_diagnosed else None)
+    return cut_log(log, quality=assessed(log) if as_diagnosed else None)
 
 
 def _held(segments: Segments, held_out: Sequence[HeldOutInterval]) -> Indices:
