@@ -123,8 +123,8 @@ def test_estimate_takes_several_devices_and_methods(via, tmp_path):
     [
         (("bag", "--device", DEVICE.name, "--device", DEVICE.name), "is given twice"),
         (("bag", "--device", DEVICE.name, "--method", "link_impedance"), "is not driven by a position servo"),
-        (("nowhere", "--device", DEVICE.name), "no bag at nowhere"),
-        (("[/b]:smile:", "--device", DEVICE.name), "no bag at [/b]:smile:"),
+        (("nowhere", "--device", DEVICE.name), "nowhere: cannot be read: no such file or folder"),
+        (("[/b]:smile:", "--device", DEVICE.name), "[/b]:smile:: cannot be read: no such file or folder"),
         (("x" * 300, "--device", DEVICE.name), "File name too long"),
         (("bag", "--device", "nobody"), "no device 'nobody'; there are: "),
         (("bag", "--device", "maccepavd"), "no joint 'maccepavd_shaft_joint'"),

@@ -36,8 +36,8 @@ def _problem(problem: Any) -> str:
     if problem["type"] == "extra_forbidden":
         return f"{key}: is no known key"
     if problem["type"] in ("model_type", "model_attributes_type", "dataclass_type"):
-        return f"{f'{key}: ' if key else ''}must be a mapping of keys, got {type(problem['input']).__name__}"
+        text = "must be a mapping of keys"
     if problem["type"] in ("value_error", "json_invalid"):
         return f"{key}: {text}" if key else text
     value = repr(problem["input"])
-    return f"{key}: {text}, got {value if len(value) <= SHOWN else value[: SHOWN - 3] + '...'}"
+    return f"{key + ': ' if key else ''}{text}, got {value if len(value) <= SHOWN else value[: SHOWN - 3] + '...'}"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
-from via_validation.commands.gap_blind import app
+from via_validation.commands.gap_blind_export import app
 
 SEEDS = {"5051": "coulomb_friction", "7079": "quadratic_drag"}  # clean, good recordings of rigid joints
 

@@ -19,7 +19,7 @@ from via_core.signals import Array
 from via_gap.logs.angle_torque import left_by_angles
 from via_gap.logs.findings import Finding, Severity, worst_first
 from via_gap.logs.log import JointLog
-from via_gap.logs.noise import STANDARD_ERRORS, LogNoise
+from via_gap.logs.noise import STANDARD_ERRORS, LogNoise, log_noise
 
 Indices = NDArray[np.intp]
 
@@ -55,6 +55,11 @@ class _Found(NamedTuple):
     finding: Finding
     cut: tuple[Interval, ...] = ()
     command_gaps: tuple[Interval, ...] = ()
+
+
+def assessed(log: JointLog) -> Quality:
+    """Quality of a log with the noise that is measured in it."""
+    return assess(log, log_noise(log))
 
 
 def assess(log: JointLog, noise: LogNoise) -> Quality:

@@ -10,10 +10,11 @@ from via_core.errors import SignalError
 from via_sim.effects import Effect
 
 from via_gap.logs.log import JointLog, believed
+from via_gap.logs.quality import assessed
 from via_gap.report.report import HeldOutInterval
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.inverse_dynamics import InverseDynamics
-from via_gap.residual.recordings import cut_as_diagnosed, follows
+from via_gap.residual.recordings import follows
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Indices, Segments, cut_log
@@ -51,12 +52,17 @@ def compared_segments(
 
     Raises SignalError where nothing can be simulated.
     """
-    segments = [(cut_as_diagnosed if held_out else cut_log)(log) for log in believed(logs)]
+    segments = [_cut(log, bool(held_out)) for log in believed(logs)]
     chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in segments]
     if not any(map(len, chosen)):
         reason = "none of the intervals that the report held out" if held_out else "too short to compare"
         raise SignalError(f"{logs[0].name}: {reason}")
     return segments, chosen
+
+
+def _cut(log: JointLog, as_diagnosed: bool) -> Segments:
+    """The segments of a log; as in a diagnosis, those where it cannot be used are invalid."""
+    return cut_log(log, quality=assessed(log) if as_diagnosed else None)
 
 
 def _held(segments: Segments, held_out: Sequence[HeldOutInterval]) -> Indices:

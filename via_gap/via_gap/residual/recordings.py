@@ -12,8 +12,8 @@ from via_core.errors import SignalError
 from via_gap.logs.checks import check_log
 from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog, believed
-from via_gap.logs.noise import LogNoise, log_noise
-from via_gap.logs.quality import assess
+from via_gap.logs.noise import LogNoise
+from via_gap.logs.quality import assessed
 from via_gap.residual.segments import Segments, cut_log, whole_log
 
 FEWEST = 8  # segments: with fewer, none can be held out
@@ -49,7 +49,7 @@ class Recordings:
         every = believed([*logs, *(holdout or ())])
         findings = [each for log in every for each in check_log(log)]
         refused = {each.log for each in findings if each.severity == "refuse"}
-        quality = {log.name: assess(log, log_noise(log)) for log in every if log.name not in refused}
+        quality = {log.name: assessed(log) for log in every if log.name not in refused}
         findings += [found for each in quality.values() for found in each.findings]
         refused |= {name for name, each in quality.items() if each.cannot_tell}
         cut = whole_log if holdout and follows(device) else cut_log
@@ -82,8 +82,3 @@ class Recordings:
 def follows(device: Device) -> bool:
     """Whether motors follow their commands, so that the simulation of a whole log does not drift."""
     return device.drive == "servo" and device.n_motors > 0
-
-
-def cut_as_diagnosed(log: JointLog) -> Segments:
-    """The segments of a log as a diagnosis cuts them: those where it cannot be used are invalid."""
-    return cut_log(log, quality=assess(log, log_noise(log)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +40,7 @@ def make(
     """Draw cases from seeds and seal their keys; prints the SHA-256 of every key."""
     from via_validation.sealed.making import make_cases  # MuJoCo takes a second to load
 
-    with _progress(count) as bar:
+    with progress(count) as bar:
         made = make_cases(
             range(seed_from, seed_from + count), out, keys, duration, processes, lambda _: bar.advance(bar.task_ids[0])
         )
@@ -65,7 +64,7 @@ def run(
     from via_validation.sealed.running import run_cases
     from via_validation.sealed.sealing import names_in
 
-    with _progress(len(names_in(cases))) as bar:
+    with progress(len(names_in(cases))) as bar:
         ran = run_cases(cases, results, command, patience, processes, lambda _: bar.advance(bar.task_ids[0]))
     failed = [each for each in ran if each.code != 0]
     for each in failed:
@@ -96,7 +95,7 @@ def score(
     from via_validation.sealed.scoring import score as score_of
     from via_validation.sealed.sealing import names_in
 
-    with _progress(len(names_in(cases))) as bar:
+    with progress(len(names_in(cases))) as bar:
         evaluations = evaluated_cases(cases, keys, results, simulate, processes, lambda _: bar.advance(bar.task_ids[0]))
     scored = score_of(evaluations)
     listing = table(f"{len(evaluations)} cases", "group", "number", "ours", "limit", "cases", "verdict")
@@ -165,41 +164,6 @@ def measure(
     answers.print(f"gap {gap['before']:.4g} before, {gap['after']:.4g} after")
 
 
-@app.command("export")
-def check_exports(
-    cases: Cases,
-    results: Annotated[Path, typer.Option(help="Folder of the reports.")],
-    as_file: Annotated[Path | None, typer.Option("--json", help="Write every number to this file.")] = None,
-) -> None:
-    """Export the repair of every report to MuJoCo and compare the gap there; exit code 1 if one differs by 2 points."""
-    from via_validation.exported_cases import exported_cases
-    from via_validation.sealed.sealing import names_in
-
-    found = []
-    with _progress(sum((results / f"{name}.json").exists() for name in names_in(cases))) as bar:
-        for each in exported_cases(cases, results):
-            found.append(each)
-            bar.advance(bar.task_ids[0])
-    listing = table(
-        f"{len(found)} cases: gap after the repair [%]", "case", "effects", "report", "via_sim", "MuJoCo", ""
-    )
-    listing.columns[1].justify = "left"
-    for each in found:
-        stated = "-" if each.report is None else f"{100.0 * each.report:.3f}"
-        word = f"lost: {', '.join(each.lost)}" if each.lost else "ok" if each.kept else "MISSED"
-        row = (each.name, ", ".join(each.effects), stated, f"{100.0 * each.via_sim:.3f}", f"{100.0 * each.mujoco:.3f}")
-        listing.add_row(*row, word)
-    answers.print(listing)
-    slotted = [abs(each.difference) for each in found if not each.lost]
-    if slotted:
-        answers.print(f"largest difference with slots for all effects: {100.0 * max(slotted):.3f} points")
-    if as_file is not None:
-        content = [asdict(each) for each in found]
-        as_file.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    if not all(each.kept for each in found):
-        raise typer.Exit(1)
-
-
 def _text(file: Path) -> str:
     try:
         return file.read_text(encoding="utf-8")
@@ -207,7 +171,7 @@ def _text(file: Path) -> str:
         raise ViaError(f"{file} cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8'}") from None
 
 
-def _progress(count: int) -> Progress:
+def progress(count: int) -> Progress:
     bar = Progress(TextColumn("cases"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=errors)
     bar.add_task("cases", total=count)
     return bar
