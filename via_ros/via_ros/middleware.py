@@ -8,7 +8,7 @@ UDP: the shared memory transport of Fast DDS waits up to a second for a reader w
 waits with it; a killed process also leaves its segments in /dev/shm. UDP is not slower for small messages.
 For LOCALHOST, rmw_fastrtps adds a UDP transport on all interfaces and shared memory to those of the profile, whatever
 the environment says. The profile fastdds_localhost.xml therefore states the limit itself (loopback addresses, peers on
-this host), and with SYSTEM_DEFAULT rmw_fastrtps adds nothing. Processes that this one starts inherit both.
+this host), and the range SYSTEM_DEFAULT makes rmw_fastrtps add nothing. Child processes inherit both.
 
 Readers: a reliable reader that joins a topic after more than 5000 messages receives nothing until the writer's history
 has been replaced: at 1 kHz and a history of 1000, a late recorder loses its first second. 5000 is the reader's default
