@@ -10,8 +10,9 @@ from gap_models import evaluated
 from scipy.optimize import lsq_linear
 from via_core.devices import Device
 from via_core.signals import Signals
+from via_gap.candidates.converged import converged
 from via_gap.candidates.covariance import clustered_covariance, covariance_of
-from via_gap.candidates.fit import Fit, converged, fit_device_numbers, member_slopes, refine
+from via_gap.candidates.fit import Fit, fit_device_numbers, member_slopes, refine
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs

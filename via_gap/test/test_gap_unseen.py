@@ -21,7 +21,7 @@ def without_motors(log):
 
 def rollout_of(segments: Segments):
     every = np.arange(len(segments))
-    return Rollout(segments, every, np.empty(0), np.empty(0), 0, np.zeros(6))
+    return Rollout(segments, every, np.empty(0), np.empty(0), 0, np.zeros(6), np.zeros((len(every), 6)), np.zeros(1))
 
 
 def test_the_simulated_angle_of_an_unmeasured_motor_equals_its_encoder():

@@ -15,18 +15,16 @@ from via_core.signals import Array
 from via_sim.effects import Effect
 
 from via_gap.candidates.bounds import bounds_of
-from via_gap.candidates.covariance import clustered_covariance, covariance_of, in_units
+from via_gap.candidates.covariance import covariance_of, in_units
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
-from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.residual.nuisance import BOUND, descend
 from via_gap.residual.residual_model import STEP, ResidualModel
 
 ROUNDS = 14
 SPARSE = 6  # of so many neighbouring segments two are used for the first fit of the device parameters
 LEAST_STEP = 0.003  # of the typical size of a parameter: step of a finite difference
-TURNS = 2  # steps of `converged` at most
 FINE = 0.1  # of a step: for central differences, whose truncation error is then far below a tolerance
 SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
 DONE = 2e-3  # share of the loss: after a step that gains less, the Jacobian is renewed or the fit ends
@@ -133,8 +131,8 @@ def fit_device_numbers(problem: ResidualModel) -> Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
-    """Coordinates (J + p,) of a fit, see `_Axes`, with their loss and residual (R,)."""
+class Point:
+    """Coordinates (J + p,) of a fit, see `Axes`, with their loss and residual (R,)."""
 
     at: Array
     loss: float
@@ -142,7 +140,7 @@ class _Point:
 
 
 @dataclass(frozen=True, eq=False)
-class _Axes:
+class Axes:
     """Coordinates of a fit: offsets of the nuisances (J,), then every effect parameter over its typical size (p,).
 
     size   (p,) typical sizes of the parameters, in their units
@@ -160,7 +158,7 @@ class _Axes:
     fixed: NDArray[np.bool_]
 
     @staticmethod
-    def of(problem: ResidualModel, members: Sequence[tuple[Location, Sequence[float]]], scales: Scales) -> _Axes:
+    def of(problem: ResidualModel, members: Sequence[tuple[Location, Sequence[float]]], scales: Scales) -> Axes:
         locations, starts = [place for place, _ in members], [value for _, values in members for value in values]
         parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])
@@ -168,7 +166,7 @@ class _Axes:
         times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
         orders = [p.name.partition("_")[0] == "order" for _, p in parameters]
         fixed = np.array([is_order and float(v).is_integer() for is_order, v in zip(orders, starts)], dtype=np.bool_)
-        return _Axes(problem, tuple(locations), size, low, high, times, fixed)
+        return Axes(problem, tuple(locations), size, low, high, times, fixed)
 
     @property
     def count(self) -> int:
@@ -204,13 +202,13 @@ class _Axes:
         found = self.problem.loss(residuals) + np.sum(np.array(tries)[:, :count] ** 2, axis=1)
         return np.where(np.isfinite(residuals[:, 0]), found, np.inf), residuals
 
-    def best(self, tries: Sequence[Array]) -> _Point:
+    def best(self, tries: Sequence[Array]) -> Point:
         """The coordinates with the least loss; the first of equal ones."""
         losses, residuals = self.losses(tries)
         k = int(np.argmin(losses))
-        return _Point(tries[k], float(losses[k]), residuals[k])
+        return Point(tries[k], float(losses[k]), residuals[k])
 
-    def step(self, here: _Point, slopes: Array, damping: float = 0.0) -> tuple[Array, Array]:
+    def step(self, here: Point, slopes: Array, damping: float = 0.0) -> tuple[Array, Array]:
         """Weighted normal matrix (J + p, J + p), and the coordinates with the least linear prediction of the loss.
 
         slopes  (R, J + p) derivatives of the residual; damping is relative to the curvature of each coordinate
@@ -237,7 +235,7 @@ class _Axes:
         slopes[:, ~known] = 0.0
         return np.asarray(slopes)
 
-    def covariance(self, here: _Point, normal: Array) -> Array:
+    def covariance(self, here: Point, normal: Array) -> Array:
         """(p, p) of the parameters over their typical sizes, for the mean weighted square of the residual, if above 1.
 
         1 is the mean square of noise.
@@ -245,16 +243,16 @@ class _Axes:
         square = float(np.mean((self.problem.weights(here.residual) * here.residual) ** 2))
         return covariance_of(normal, self.high - self.low, self.count) * max(square, 1.0)
 
-    def fit(self, here: _Point, covariance: Array, sd: Array) -> Fit:
+    def fit(self, here: Point, covariance: Array, sd: Array) -> Fit:
         """The fit at these coordinates; covariance (p, p) and standard deviations sd (p,) over the typical sizes."""
         covariance = in_units(covariance, sd, self.size)
         return Fit(self.effects(here.at), here.at[: self.count].copy(), here.loss, here.residual, covariance)
 
-    def nuisance_jacobian(self, here: _Point) -> Array:
+    def nuisance_jacobian(self, here: Point) -> Array:
         """(R, J)."""
         return self.problem.nuisance_jacobian(self.effects(here.at), here.at[: self.count], here.residual)
 
-    def slopes(self, here: _Point) -> Array:
+    def slopes(self, here: Point) -> Array:
         """(R, p) derivatives of the residual by every effect parameter; not finite where a step is invalid."""
         values = here.at[self.count :]
         steps = np.maximum(LEAST_STEP, 0.03 * np.abs(values))
@@ -262,7 +260,7 @@ class _Axes:
         moved = self.losses([*(here.at + np.eye(len(here.at))[self.count :] * steps[:, None])])[1]
         return (moved - here.residual).T / steps
 
-    def search_times(self, here: _Point, steps: Sequence[float]) -> _Point:
+    def search_times(self, here: Point, steps: Sequence[float]) -> Point:
         """Beginnings and ends of effects by steps of decreasing size, because no gradient leads to them."""
         along = np.eye(len(here.at))[self.count :][self.times]
         for step in steps:
@@ -277,8 +275,8 @@ class _Axes:
 
 def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:
     """(R, k) derivatives of the residual by those effect parameters of a fit on which it depends smoothly."""
-    axes = _Axes.of(problem, members_of(fit), scales)
-    slopes = axes.slopes(_Point(axes.coordinates(fit.offsets, fit.values), fit.loss, fit.residual))
+    axes = Axes.of(problem, members_of(fit), scales)
+    slopes = axes.slopes(Point(axes.coordinates(fit.offsets, fit.values), fit.loss, fit.residual))
     return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0) & ~(axes.times | axes.fixed)]
 
 
@@ -297,7 +295,7 @@ def refine(
 
     None if the initial values are not valid together.
     """
-    axes = _Axes.of(problem, members, scales)
+    axes = Axes.of(problem, members, scales)
     many = len(axes.size)
     here = axes.best([axes.coordinates(base.offsets, [value for _, values in members for value in values])])
     if not np.isfinite(here.loss):
@@ -338,49 +336,3 @@ def refine(
     covariance = axes.covariance(here, normal)
     sd = np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low)
     return axes.fit(here, covariance, np.where(axes.times, TIME_STEPS[-1], np.where(apart | axes.fixed, 0.0, sd)))
-
-
-def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
-    """A fit continued along directions in which the loss is nearly flat, with standard deviations that include them.
-
-    Without a recorded torque, all torques and inertias of a joint may grow together without any change of the motion;
-    only the tolerances of the device limit them. `refine` ends anywhere on such a line. Its one-sided differences bend
-    the line, so that it seems well determined. Central differences do not, and one step with them is nearly exact. From
-    the end of a tolerance differences are one-sided, and a second step is needed.
-
-    The standard deviation of a delay also includes what is not known of the commands between samples.
-    """
-    axes = _Axes.of(problem, members_of(fit), scales)
-    count = axes.count
-    here = axes.best([axes.coordinates(fit.offsets, fit.values)])
-    for _ in range(TURNS):
-        begin, at = here, here.at
-        slopes = axes.central_slopes(at)
-        normal, wanted = axes.step(here, slopes)
-        for share in (1.0, 0.5, 0.25):
-            trial = axes.best([at + share * (wanted - at)])
-            if trial.loss < here.loss:
-                here = trial
-                break
-        if np.all(np.abs(at[:count]) < BOUND):
-            break
-    covariance, pull = axes.covariance(here, normal), problem.weights(begin.residual)
-    clustered = clustered_covariance(problem, slopes * pull[:, None], pull * here.residual, normal, count)
-    covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(clustered) / np.diag(covariance), 1.0)),))
-    covariance += np.diag(_between_samples(axes) ** 2)
-    known = np.any(slopes[:, count:] != 0.0, axis=0)
-    sd = np.where(known, np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), fit.sd / axes.size)
-    return axes.fit(here, covariance, sd)
-
-
-def _between_samples(axes: _Axes) -> Array:
-    """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
-
-    The motion shows the sum of the delay of commands and that of the drive alone, and of a single encoder's stamps.
-    Whether a log contains every command is not known: one of many commands, held until the next, acts late by up to
-    half a period on average.
-    """
-    segments = axes.problem.views[0].segments
-    late = {"actuator_delay"} if len(segments.axes) > 1 else {"actuator_delay", "channel_skew"}
-    sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
-    return np.where([place.name in late for place in axes.locations for _ in place.parameters], sd / axes.size, 0.0)

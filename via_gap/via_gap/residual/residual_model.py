@@ -123,6 +123,11 @@ class ResidualModel:
         views: tuple[View, ...] = tuple(type(view).of(change(view.segments), view.chosen) for view in self.views)
         return replace(self, views=views)
 
+    def at_likely_starts(self, row: Array) -> ResidualModel:
+        """The model linearised about the most likely start of each segment under a row; equations have no starts."""
+        views = tuple(each.at_likely_starts(row) if isinstance(each, Rollout) else each for each in self.views)
+        return replace(self, views=views)
+
     @property
     def by_squares(self) -> ResidualModel:
         """The same with a squared loss, which converges from further away."""

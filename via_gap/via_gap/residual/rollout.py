@@ -29,13 +29,12 @@ from via_sim.joint.parameters import DYNAMIC, SERVO, P
 from via_sim.lockstep.run import LANES, run_many
 
 from via_gap.residual.command_gaps import pulses
+from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal
 from via_gap.residual.segments import START, Indices, Segments, binned
 from via_gap.residual.threads import THREADS, together
 from via_gap.residual.unseen import UnseenMotors
 
-STEP = 0.02  # standard deviations: finite difference of the start of an unseen motor
-ROUNDS, ENOUGH = 6, 1e-3  # steps to this start at most; share of the loss from which one more is not worth it
 HUGE = 1e6  # in place of an overflow
 UNIT = np.eye(6)  # rows: one entry of a start each
 LEAD = 0.06  # [s] longer than any lag between channels
@@ -83,6 +82,8 @@ class Rollout:
     basis        orthonormal (C, b a, k): errors of each segment by a wrong start, in units of the noise
     shrink       (C, k) fraction of a residual along each of them that is attributed to the start
     motor_start  (6,) [rad], [rad/s] added to the state of motors without an encoder when the log begins
+    shift        (C, 6) [rad], [rad/s] added to the measured start of each segment
+    back         (C, b a) change of its error, to first order, on the way back to the measured start
     """
 
     segments: Segments
@@ -91,16 +92,35 @@ class Rollout:
     shrink: Array
     lead: int  # ticks that are simulated before the first segment of a chain
     motor_start: Array
+    shift: Array
+    back: Array
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> Rollout:
-        made = Rollout(segments, chosen, np.empty(0), np.empty(0), segments.ticks, np.zeros(6))._whitened()
-        return made if segments.rests or not made._unseen else made._with_estimated_start()._whitened()
+        n, size = len(chosen), segments.measured.shape[1] * len(segments.axes)
+        starts = np.zeros(6), np.zeros((n, 6)), np.zeros((n, size))
+        made = Rollout(segments, chosen, np.empty(0), np.empty(0), segments.ticks, *starts)._whitened(segments.nominal)
+        if segments.rests or not made._unseen:
+            return made
+        return made._with_estimated_start()._whitened(segments.nominal)
+
+    def at_likely_starts(self, row: Array) -> Rollout:
+        """The same, linearised about the most likely start of each segment under a row (N_PARAMETERS,)."""
+        row, steps = row.copy(), self._start_steps()
+        row[[P.tick, P.substeps]] = self.segments.nominal[[P.tick, P.substeps]]
+
+        def errors(amounts: Array) -> Array:
+            return self._errors(replace(self, shift=amounts @ steps).motion(row[None]))[0]
+
+        amounts, slopes = likely_starts(errors, len(self.chosen), len(steps))
+        moved = replace(self, shift=amounts @ steps)._whitened(row, STEP)
+        return replace(moved, back=-np.einsum("crk,ck->cr", slopes, amounts))
 
     def part(self, which: Indices) -> Rollout:
         """Some of the segments, by their indices into `chosen`; with all axes measured, a short lead is enough."""
         lead = min(round(LEAD * self.segments.rate), self.segments.ticks) if self._all_seen else self.lead
-        return replace(self, chosen=self.chosen[which], basis=self.basis[which], shrink=self.shrink[which], lead=lead)
+        own = {name: getattr(self, name)[which] for name in ("chosen", "basis", "shrink", "shift", "back")}
+        return replace(self, lead=lead, **own)
 
     @property
     def _known(self) -> list[int]:
@@ -199,34 +219,14 @@ class Rollout:
         return np.array([size * UNIT[slot] for slot, size in slots])
 
     def _with_estimated_start(self) -> Rollout:
-        """The same with the most likely start of the unseen motors: Gauss-Newton on the errors of all segments."""
+        """The same with the most likely start of the unseen motors, from the errors of all segments."""
         sizes = self._start_sd()
-        at, loss = np.zeros(len(sizes)), np.inf
 
         def errors(amounts: Array) -> Array:
             moved = replace(self, motor_start=amounts @ sizes)
             return np.nan_to_num(moved.residual(self.segments.nominal[None])[0], posinf=HUGE, neginf=-HUGE)
 
-        now = errors(at)
-        for _ in range(ROUNDS):
-            squares = np.mean(now**2, axis=1)
-            pull = np.sqrt(np.minimum(2.0 / (1.0 + squares), 1.0))[:, None]
-            slopes = np.stack([(errors(at + STEP * e) - now) / STEP for e in np.eye(len(at))], axis=-1)
-            flat, weighed = (slopes * pull[..., None]).reshape(-1, len(at)), (now * pull).ravel()
-            step = np.linalg.solve(flat.T @ flat + np.eye(len(at)), flat.T @ weighed + at)
-            tries = [at - share * step for share in (1.0, 0.3, 0.1)]
-            found = [errors(each) for each in tries]
-            losses = [
-                float(np.sum(np.log1p(np.mean(e**2, axis=1))) * self.size + a @ a)
-                for a, e in zip(tries, found, strict=True)
-            ]
-            best = int(np.argmin(losses))
-            gain = loss - losses[best]
-            if gain > 0.0:
-                at, now, loss = tries[best], found[best], losses[best]
-            if not gain > ENOUGH * loss:
-                break
-        return replace(self, motor_start=at @ sizes)
+        return replace(self, motor_start=likely_start(errors, len(sizes)) @ sizes)
 
     def _run(self, inputs: _Inputs, chains: Indices, runs: Indices, out: Array) -> None:
         """Simulate `runs` (n, 2), pairs of row and chain, longest chains first, and write angles into `out`."""
@@ -254,6 +254,7 @@ class Rollout:
             state[:, known] = self._starts(run, begin)[:, known]
             if inputs.memory is not None:
                 state[:, X.bristle : X.bristle + HELD] = inputs.memory[runs[:left, 0], here]
+            state[:, :6] += self.shift[here]
             if inputs.offset is not None:
                 state[:, :6] += inputs.offset
             self._write_history(run, begin, state)
@@ -346,15 +347,18 @@ class Rollout:
         least = segments.start_noise[0]  # a motor is known from the link, at best as well as the link itself
         return {axis: np.maximum(sizes[[axis, 3 + axis]], least) for axis in self._unseen}
 
-    def _whitened(self) -> Rollout:
-        """The same with `basis` and `shrink`, from runs that start one standard deviation beside what is known."""
-        row = self.segments.nominal
+    def _start_steps(self) -> Array:
+        """(k, 6) one standard deviation of the angle and of the velocity of each axis with an uncertain start."""
         known = dict(zip(self.segments.axes, self.segments.start_noise, strict=True)) | self._unseen_noise()
+        return np.array([size * UNIT[axis + at] for axis, noise in known.items() for at, size in zip((0, 3), noise)])
+
+    def _whitened(self, row: Array, step: float = 1.0) -> Rollout:
+        """The same with `basis` and `shrink`, from runs of a row that start `step` standard deviations aside."""
         plain = self.motion(row[None])[0]
-        steps = [size * UNIT[axis + at] for axis, noise in known.items() for at, size in zip((0, 3), noise)]
-        moved = [self.motion(row[None], offset)[0] for offset in steps]
-        moved += [self.motion(row[None], commands=(self.segments.commands + p)[None])[0] for p in pulses(self.segments)]
-        changes = [each - plain for each in moved]
+        moved = [self.motion(row[None], step * offset)[0] for offset in self._start_steps()]
+        changes = [(each - plain) / step for each in moved]
+        for pulse in pulses(self.segments):
+            changes.append(self.motion(row[None], commands=(self.segments.commands + pulse)[None])[0] - plain)
         for start in self._start_sd():
             beside = replace(self, motor_start=self.motor_start + STEP * start)
             changes.append((beside.motion(row[None])[0] - plain) / STEP)
@@ -370,9 +374,14 @@ class Rollout:
 
     def whitened(self, motion: Array) -> Array:
         """Whitened measured minus simulated (K, C, b a) of angles as compared, motion (K, C, b, a) [rad]."""
+        return self._without_starts(self._errors(motion) + self.back)
+
+    def _errors(self, motion: Array) -> Array:
+        """Measured minus simulated (K, C, b a) in units of the noise; overflow gives a huge value."""
         scale = self.segments.weight[self.chosen] / self.segments.noise
         error = (self.segments.measured[self.chosen] - motion) * scale
-        return self._without_starts(error.reshape(len(motion), len(self.chosen), self.size))
+        flat = error.reshape(len(motion), len(self.chosen), self.size)
+        return np.clip(np.nan_to_num(flat, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
 
     def baseline(self) -> Array:
         """(C, b a) whitened error of a prediction without a model: constant velocity from each measured start."""
@@ -386,7 +395,6 @@ class Rollout:
         return self._without_starts(scaled.reshape(1, len(self.chosen), self.size))[0]
 
     def _without_starts(self, error: Array) -> Array:
-        """Errors (K, C, b a) without the part that uncertain starts explain; overflow gives a huge value."""
-        flat = np.clip(np.nan_to_num(error, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
-        along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
-        return flat - np.einsum("crk,Kck->Kcr", self.basis, along)
+        """Errors (K, C, b a) without the part that uncertain starts explain."""
+        along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, error)
+        return error - np.einsum("crk,Kck->Kcr", self.basis, along)

@@ -24,7 +24,7 @@ from typing import Literal
 
 import numpy as np
 
-from via_gap.candidates.fit import converged
+from via_gap.candidates.converged import converged
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.selection.confidence_set import confidence_set
