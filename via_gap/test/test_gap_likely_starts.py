@@ -25,8 +25,8 @@ def test_the_most_likely_starts_of_linear_errors_are_those_of_ridge_regression()
         assert at == pytest.approx(-np.linalg.solve(own.T @ own + np.eye(2), own.T @ errors), abs=1e-9)
     assert there == pytest.approx(slopes, abs=1e-9)
     shared = likely_start(lambda d: 0.1 * (begin + slopes @ d), 2)  # small errors: the loss is that of squares
-    flat = 0.1 * slopes.reshape(-1, 2)
-    assert shared == pytest.approx(-np.linalg.solve(flat.T @ flat + np.eye(2), flat.T @ (0.1 * begin).ravel()), abs=1e-3)
+    flat, target = 0.1 * slopes.reshape(-1, 2), 0.1 * begin.ravel()
+    assert shared == pytest.approx(-np.linalg.solve(flat.T @ flat + np.eye(2), flat.T @ target), abs=1e-3)
 
 
 def test_the_most_likely_starts_of_curved_errors_are_those_of_a_general_search():
@@ -38,8 +38,8 @@ def test_the_most_likely_starts_of_curved_errors_are_those_of_a_general_search()
 
     data = model(truth) + rng.normal(size=(6, 25))
     found, _ = likely_starts(lambda d: model(d) - data, 6, 2)
-    for measured, at in zip(data, found):
-        best = minimize(lambda d: np.sum((model(d[None])[0] - measured) ** 2) + d @ d, at, tol=1e-12)
+    for k, at in enumerate(found):
+        best = minimize(lambda d, k=k: np.sum((model(d[None])[0] - data[k]) ** 2) + d @ d, at, tol=1e-12)
         assert at == pytest.approx(best.x, abs=1e-2)
 
 

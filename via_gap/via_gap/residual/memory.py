@@ -11,13 +11,15 @@ of a speed limit or a lag, is integrated along the commands in the same way.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 from via_core.signals import Array
-from via_sim.joint.layout import GOAL, N_MODES, POWER, X
+from via_sim.joint.layout import GOAL, HISTORY, N_MODES, POWER, X
+from via_sim.joint.measurements import stride
 from via_sim.joint.parameters import POSITION_DRIVE, P
 from via_sim.joint.position_drive import acting_goal, followed
 from via_sim.joint.torques import compiled, remember
@@ -124,3 +126,33 @@ def _follow(commands: Array, measured: Array, rows: Array, ticks: Array, out: Ar
             last = max(done - whole - 1, 0)
             if commands[last, POWER] > 0.5:
                 out[k, j, 0], out[k, j, 1] = commands[last, GOAL] - follows, follows - lags
+
+
+def write_history(
+    rows: Array,
+    ticks: NDArray[np.intp],
+    states: Array,
+    rate: float,
+    known: Sequence[int],
+    motion: Callable[[Array, NDArray[np.intp]], Array],
+) -> None:
+    """Write into states (n, .) the motion before segments that start at `ticks` (n,), for late encoders of rows (n, .).
+
+    The first samples of a late encoder in a segment are from the time before it. They are the measured motion then,
+    not the simulated motion of the segment before, which ended elsewhere.
+
+    rate    [Hz] of the ticks
+    known   entries of a state that are measured: angles, then velocities
+    motion  true angles and velocities (n, 6) of rows (n, .) at ticks (n,)
+    """
+    skews = rows[:, P.skew : P.skew + 3][:, [place for place in known if place < 3]].max(axis=1)
+    late = np.flatnonzero(skews > 0.0)
+    if not late.size:
+        return
+    every = stride(1.0 / rate)
+    past, history = rows[late], states[late, X.history : X.queue].reshape(len(late), HISTORY, 6)
+    for back in range(min(ceil(float(skews.max()) * rate / every) + 2, HISTORY)):
+        which = ticks[late] // every - back
+        there = motion(past, np.maximum(which * every, 0))
+        history[np.arange(len(late))[:, None], (which % HISTORY)[:, None], known] = there[:, known]
+    states[late, X.history : X.queue] = history.reshape(len(late), -1)

@@ -23,14 +23,13 @@ import numpy as np
 from via_core.signals import Array
 from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.encoders import true_motions
-from via_sim.joint.layout import HISTORY, QUEUED, X
-from via_sim.joint.measurements import stride
+from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 from via_sim.lockstep.run import LANES, run_many
 
 from via_gap.residual.command_gaps import pulses
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
-from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal
+from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, write_history
 from via_gap.residual.segments import START, Indices, Segments, binned
 from via_gap.residual.threads import THREADS, together
 from via_gap.residual.unseen import UnseenMotors
@@ -257,7 +256,7 @@ class Rollout:
             state[:, :6] += self.shift[here]
             if inputs.offset is not None:
                 state[:, :6] += inputs.offset
-            self._write_history(run, begin, state)
+            write_history(run, begin, state, segments.rate, known, self._starts)
             run_many(run, state, sent, under[:left] + begin, moved[:left])
             angles = moved[:left][:, :, list(segments.axes)]
             out[runs[:left, 0], here] = binned(angles, segments.every, segments.averaged)
@@ -312,25 +311,6 @@ class Rollout:
             states[late[:, None], both] = moved
             states[:, both] = np.stack(true_motions(rows, axis, *states[:, both].T), axis=1)
         return states
-
-    def _write_history(self, rows: Array, ticks: Indices, states: Array) -> None:
-        """Write into states (n, .) the motion before segments that start at `ticks` (n,), for late encoders.
-
-        The first samples of a late encoder in a segment are from the time before it. They are the measured motion then,
-        not the simulated motion of the segment before, which ended elsewhere.
-        """
-        skews = rows[:, [P.skew + axis for axis in self.segments.axes]].max(axis=1)
-        late = np.flatnonzero(skews > 0.0)
-        if not late.size:
-            return
-        every = stride(1.0 / self.segments.rate)
-        past, history = rows[late], states[late, X.history : X.queue].reshape(len(late), HISTORY, 6)
-        known = self._known
-        for back in range(min(ceil(float(skews.max()) * self.segments.rate / every) + 2, HISTORY)):
-            which = ticks[late] // every - back
-            there = self._starts(past, np.maximum(which * every, 0))
-            history[np.arange(len(late))[:, None], (which % HISTORY)[:, None], known] = there[:, known]
-        states[late, X.history : X.queue] = history.reshape(len(late), -1)
 
     def _unseen_noise(self) -> dict[int, Array]:
         """[rad], [rad/s] standard deviation (2,) of the start of each motor without an encoder.
