@@ -147,7 +147,7 @@ def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says
     planted, (value,) = DAMPED.parameters["coefficient"], end.effects[0].parameters.values()
     likely = problem.at_likely_starts(problem.row(fit.effects, fit.offsets))
     assert fit_on(likely, end).loss <= fit_on(likely, fit).loss
-    assert known < end.sd[0] / value < 1.3 * known  # the trade with friction beside it
+    assert 0.98 * known < end.sd[0] / value < 1.3 * known  # differences are exact to a percent; a trade with friction
     assert abs(value - planted) < 0.5 * end.sd[0]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from via_core.signals import Array
 
 from via_gap.candidates.covariance import clustered_covariance
-from via_gap.candidates.fit import FINISHING, Axes, Fit, fit_on, members_of, refine
+from via_gap.candidates.fit import Axes, Fit, fit_on, members_of
 from via_gap.candidates.scales import Scales
 from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.residual.nuisance import BOUND
@@ -30,8 +30,6 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     The standard deviation of a delay also includes what is not known of the commands between samples.
     """
     likely = problem.at_likely_starts(problem.row(fit.effects, fit.offsets))
-    found = refine(likely, fit_on(likely, fit), members_of(fit), scales, FINISHING)
-    fit = fit if found is None else found
     axes = Axes.of(likely, members_of(fit), scales)
     count = axes.count
     here = axes.best([axes.coordinates(fit.offsets, fit.values)])
