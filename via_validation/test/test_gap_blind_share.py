@@ -1,4 +1,4 @@
-"""A case of the sealed benchmark from end to end: make, run and score."""
+"""Two cases of the sealed benchmark from end to end: make, run and score."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner
 from via_validation.commands.gap_blind_export import app
 
-SEEDS = {"5257": "quadratic_drag"}  # clean, good recording of a rigid joint
+SEEDS = {"14828": "coulomb_friction", "5257": "quadratic_drag"}  # clean, good recordings of rigid joints
 
 
-@pytest.mark.timeout(600)  # [s] three processes, each of which compiles or loads the simulators anew
+@pytest.mark.timeout(600)  # [s] six processes, each of which compiles or loads the simulators anew
 def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:
     runner = CliRunner()
     for seed, effect in SEEDS.items():

@@ -49,8 +49,8 @@ def likely_starts(errors: Errors, segments: int, count: int) -> tuple[Array, Arr
 
 
 def _slopes(errors: Errors, at: Array, now: Array) -> Array:
-    """(C, R, k) derivatives of the errors `now` (C, R) at d (C, k)."""
-    return np.stack([(errors(at + STEP * unit) - now) / STEP for unit in np.eye(at.shape[1])], axis=-1)
+    """(C, R, k) derivatives of the errors `now` (C, R) at d (..., k)."""
+    return np.stack([(errors(at + STEP * unit) - now) / STEP for unit in np.eye(at.shape[-1])], axis=-1)
 
 
 def likely_start(errors: Errors, count: int) -> Array:
@@ -63,7 +63,7 @@ def likely_start(errors: Errors, count: int) -> Array:
     for _ in range(ROUNDS):
         squares = np.mean(now**2, axis=1)
         pull = np.sqrt(np.minimum(2.0 / (1.0 + squares), 1.0))[:, None]
-        slopes = np.stack([(errors(at + STEP * unit) - now) / STEP for unit in np.eye(count)], axis=-1)
+        slopes = _slopes(errors, at, now)
         flat, weighed = (slopes * pull[..., None]).reshape(-1, count), (now * pull).ravel()
         step = np.linalg.solve(flat.T @ flat + np.eye(count), flat.T @ weighed + at)
         tries = [at - share * step for share in SHARES]
