@@ -149,7 +149,7 @@ def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says
     planted, (value,) = DAMPED.parameters["coefficient"], end.effects[0].parameters.values()
     likely = problem.at_likely_starts(problem.row(fit.effects, fit.offsets))
     assert fit_on(likely, end).loss <= fit_on(likely, fit).loss
-    low, high = bounds_of(location, scales)  # the range of the effect tells a little more than the device file
+    low, high = bounds_of(location, scales)  # beside the device file, the range of the effect is known
     least = 1.0 / np.hypot(1.0 / known, 1.0 / float(high[0] - low[0]))
     assert least < 1.0001 * end.sd[0] < 1.3 * least  # more than `least` by a trade with friction beside it
     assert abs(value - planted) < 0.5 * end.sd[0]

@@ -25,7 +25,7 @@ from via_gap.residual.residual_model import STEP, ResidualModel
 ROUNDS = 14
 SPARSE = 6  # of so many neighbouring segments two are used for the first fit of the device parameters
 LEAST_STEP = 0.003  # of the typical size of a parameter: step of a finite difference
-FINE = 0.03  # of a step: the truncation of central differences then counts 1e-4 of what a tolerance tells
+FINE = 0.03  # of a step: the truncation of central differences then has 1e-4 of the information of a tolerance
 SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
 DONE = 2e-3  # share of the loss: after a step that gains less, the Jacobian is renewed or the fit ends
 AGED = 0.3  # share of the loss at which the nuisance Jacobian was computed: below it, the Jacobian is renewed
