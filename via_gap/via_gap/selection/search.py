@@ -38,7 +38,8 @@ FITTED = 9  # of the ranked candidates
 FITTED_NEXT = 4  # beside other effects
 FITTED_WHOLE = 7  # for runs over whole recordings, where the evaluation of a fit needs several more fits
 PAIRS = 4  # best pairs that are fitted
-BESIDE = 2  # times FITTED_NEXT candidates are simulated beside the other effects
+RACED = 3  # times as many candidates beside other effects, and pairs, take a first step
+FIRST = Budget(rounds=1)
 NEAR = 30.0  # times the best predicted loss: candidates beyond it are not fitted
 CLOSE, CLOSEST = (
     2.0,
@@ -137,23 +138,31 @@ class Search:
     def _joined(self, fit: Fit, rival: float = 0.0) -> list[Fit]:
         """Fits on the subset of the effects of `fit` and one of the best-ranked candidates."""
         here = fit_on(self.few, fit)
-        if not fit.effects:
-            most = FITTED_WHOLE if self.tuned.whole else FITTED
-            hopeful = ranked(self.start, self.jacobian, self.tried)[:most]
-            jacobian = self.jacobian
-        else:
+        most = FITTED_WHOLE if self.tuned.whole else FITTED_NEXT if fit.effects else FITTED
+        jacobian, hopeful = self.jacobian, ranked(self.start, self.jacobian, self.tried)
+        if fit.effects:
             jacobian = self.few.nuisance_jacobian(here.effects, here.offsets, here.residual)
             slopes = member_slopes(self.few, here, self.scales)
-            most = FITTED_WHOLE if self.tuned.whole else FITTED_NEXT
             known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
-            near = [place for _, place, _ in ranked(here, jacobian, known, slopes)[: BESIDE * most]]
-            hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)[:most]
+            near = [place for _, place, _ in ranked(here, jacobian, known, slopes)[: RACED * most]]
+            hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)
+        members = [[*members_of(fit), (place, values)] for _, place, values in hopeful]
+        return self._raced(here, members, jacobian, most, rival)
+
+    def _raced(
+        self, base: Fit, candidates: Sequence[Members], jacobian: Array, most: int, rival: float = 0.0
+    ) -> list[Fit]:
+        """Fits on the subset of the best `most` of some candidates, after one step of each from `base`.
+
+        Far from a model that explains the motion, a linear prediction ranks them wrongly; one step shows by how much.
+        """
+        first = [refine(self.few, base, each, self.scales, FIRST, jacobian) for each in candidates]
+        order = sorted((each for each in first if each is not None), key=lambda each: each.loss)
         fits: list[Fit] = []
-        for number, (loss, place, values) in enumerate(hopeful):
-            if number > 2 and loss > NEAR * max(hopeful[0][0], 1.0 * self.few.size):
+        for number, each in enumerate(order[:most]):
+            if number > 2 and each.loss > NEAR * max(order[0].loss, 1.0 * self.few.size):
                 break
-            members = [*members_of(fit), (place, values)]
-            found = refine(self.few, here, members, self.scales, Budget(rival=rival), jacobian)
+            found = refine(self.few, each, members_of(each), self.scales, Budget(rival=rival))
             if found is not None:
                 fits.append(found)
                 rival = min(rival, found.loss) if rival else found.loss
@@ -167,15 +176,9 @@ class Search:
         """
         seen = {frozenset(fit.locations) for fit in there}
         rival = min((fit.loss for fit in there), default=0.0)
-        found: list[Fit] = []
-        for _, members in _distinct(ranked_pairs(self.start, self.jacobian, self.tried))[:PAIRS]:
-            if frozenset(place for place, _ in members) in seen:
-                continue
-            fit = refine(self.few, self.start, members, self.scales, Budget(rival=rival), self.jacobian)
-            if fit is not None:
-                found.append(fit)
-                rival = min(rival, fit.loss) if rival else fit.loss
-        return found
+        pairs = _distinct(ranked_pairs(self.start, self.jacobian, self.tried))[: RACED * PAIRS]
+        new = [members for _, members in pairs if frozenset(place for place, _ in members) not in seen]
+        return self._raced(self.start, new, self.jacobian, PAIRS, rival)
 
     def _exchanged(self, fit: Fit) -> list[Fit]:
         """Fits on the subset with each earlier effect replaced by another one; continues from clearly better ones."""
