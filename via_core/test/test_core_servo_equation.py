@@ -12,12 +12,12 @@ from via_core.servo_equation import IMPOSSIBLE, _follow
 DEVICE = load_device("maccepavd")
 (EQUATION,) = equations_of(DEVICE)
 FILE = np.array([25.0, 6.5, 0.045])  # bandwidth, speed limit, dead time
-TIME = np.arange(0.0, 4.0, 5e-3)
+TIME = np.arange(0.0, 4.1, 5e-3)
 
 
 def moved(inertia=1.0, servo=(1.0, 1.0, 1.0), gain=1.0, friction=0.0, hold=None):
     """Samples of the link under two tones; factors of the numbers of the file, friction in N m."""
-    fine = np.arange(0.0, 4.0, 1e-3)
+    fine = np.arange(0.0, 4.1, 1e-3)
     command = 0.5 * np.sin(5.0 * fine) + 0.35 * np.sin(12.0 * fine)
     theta = _follow(fine, command, FILE * servo)
     spring, link = DEVICE.spring_laws[0], DEVICE.link
@@ -27,7 +27,7 @@ def moved(inertia=1.0, servo=(1.0, 1.0, 1.0), gain=1.0, friction=0.0, hold=None)
         drag = 0.012 * x[1] + friction * np.tanh(x[1] / 0.02)
         return [x[1], -(load + drag) / (inertia * link.inertia)]
 
-    q = solve_ivp(rates, (0.0, 4.0), [0.0, 0.0], "RK45", TIME, rtol=1e-6, max_step=5e-3).y[0]
+    q = solve_ivp(rates, (0.0, 4.1), [0.0, 0.0], "RK45", TIME, rtol=1e-6, max_step=5e-3).y[0]
     step = DEVICE.sensors.link_quantum
     commands = np.column_stack([np.interp(TIME, fine, command), np.full(len(TIME), 0.6)])
     return Samples(TIME, step * np.round(q / step), np.full((len(TIME), 2), np.nan), np.empty((len(TIME), 0)), commands)
@@ -76,6 +76,13 @@ def test_a_fault_is_found_and_named(name, sound):
     assert fault is not None and words in fault.text and fault.proven == proven
     whole = faulty_time(DEVICE, change(sound))
     assert whole is not None and whole.fault.text == fault.text
+
+
+def test_a_unit_that_is_wrong_for_a_short_time_is_no_proven_unit(sound):
+    late = sound.time > 2.0
+    whole = faulty_time(DEVICE, sound._replace(q=np.where(late, np.degrees(sound.q), sound.q)))
+    assert whole is not None and whole.share < 1.0
+    assert not whole.fault.proven and "does not follow its servo" in whole.fault.text
 
 
 def test_a_link_that_does_not_belong_to_its_commands_has_no_name(sound):

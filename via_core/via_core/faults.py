@@ -57,13 +57,18 @@ def fault_of(device: Device, samples: Samples, suspected: bool = False) -> Fault
             found.append((worst(after).unexplained, fault._replace(proven=True)))
     if found:
         return min(found, key=lambda each: each[0])[1]
+    return _unnamed(device, samples, [each.impossible for each in shares])
+
+
+def _unnamed(device: Device, samples: Samples, impossible: list[bool]) -> Fault:
+    """The fault that no single change explains; impossible: for each equation of the device."""
     if samples.command is not None:
         text = (
             "the link does not follow its servo through the spring: "
             "check commands, units, contacts and the numbers of the device file"
         )
         return Fault("q, equilibrium", text)
-    subject = ", ".join(f"tau_{i + 1}" for i, each in enumerate(shares) if each.impossible)
+    subject = ", ".join(f"tau_{i + 1}" for i, each in enumerate(impossible) if each)
     text = (
         "the torques fit no motor and spring near those of the device file: "
         "check torque constants, units and the numbers of the device file"
@@ -81,24 +86,45 @@ class FaultyTime(NamedTuple):
 
 
 def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
-    """The most frequent fault of a recording; None where at least FEW of the intervals with motion are plausible."""
-    equations, known, faults = equations_of(device), 0, []
+    """The most frequent fault of a recording; None where at least FEW of the intervals with motion are plausible.
+
+    Signs, units and the order of channels do not change during a recording. So a change that proves a fault has to make
+    FEW of all intervals plausible; otherwise it imitates what happened in some of them, and the fault has no name.
+    """
+    equations, faults = equations_of(device), []
     if not equations or len(samples.time) < LEAST_SAMPLES:
         return None
-    length = interval_of(equations)
-    for end in np.arange(samples.time[0] + length, samples.time[-1] + 1e-9, length):
-        interval = samples.between(end - length, end)
-        found = worst([each.share(interval) for each in equations])
-        known += found.known
-        if found.impossible:
-            fault = fault_of(device, interval)
-            if fault is not None:
-                faults.append((end, fault))
+    intervals = _intervals(samples, interval_of(equations))
+    found = [worst([each.share(interval) for each in equations]) for _, _, interval in intervals]
+    known = sum(each.known for each in found)
+    for (begin, end, interval), each in zip(intervals, found, strict=True):
+        fault = fault_of(device, interval) if each.impossible else None
+        if fault is not None:
+            faults.append((begin, end, fault))
     if len(faults) <= (1.0 - FEW) * known:
         return None
-    count = Counter(fault for _, fault in faults)
-    ends = [end for end, _ in faults]
-    return FaultyTime(count.most_common(1)[0][0], len(faults) / known, ends[0] - length, ends[-1])
+    fault = Counter(fault for _, _, fault in faults).most_common(1)[0][0]
+    if fault.proven and not _explains(device, samples, fault):
+        fault = _unnamed(device, samples, [True] * len(equations))
+    return FaultyTime(fault, len(faults) / known, faults[0][0], faults[-1][1])
+
+
+def _intervals(samples: Samples, length: float) -> list[tuple[float, float, Samples]]:
+    """Begin, end [s] and samples of successive intervals of `length` [s]."""
+    ends = np.arange(samples.time[0] + length, samples.time[-1] + 1e-9, length)
+    return [(float(end) - length, float(end), samples.between(end - length, end)) for end in ends]
+
+
+def _explains(device: Device, samples: Samples, fault: Fault) -> bool:
+    """Whether the whole recording is plausible once `fault` is undone."""
+    equations = equations_of(device)
+    change = next(changed for each, changed in _changes(device, samples) if each.text == fault.text)
+    shares = [
+        worst([each.share(interval) for each in equations])
+        for _, _, interval in _intervals(change, interval_of(equations))
+    ]
+    known = [each for each in shares if each.known]
+    return sum(not each.impossible for each in known) >= FEW * len(known)
 
 
 def _channels(device: Device, samples: Samples) -> Iterator[tuple[str, Array]]:
