@@ -47,6 +47,7 @@ PYPI = {
     "padasip": "padasip",
     "regex": "regex",
     "pyarrow": "pyarrow",
+    "threadpoolctl": "threadpoolctl",
     "zstandard": "zstandard",
 }
 

@@ -15,7 +15,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "cryptography", "distributed", "markupsafe"],
+    install_requires=["setuptools", "cryptography", "distributed", "markupsafe", "threadpoolctl"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     entry_points={"console_scripts": ["gap_monitor = via_gap.nodes.monitor:main"]},

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 
+from threadpoolctl import threadpool_limits
 from via_core.devices import Device
 from via_core.errors import SignalError
 
@@ -27,6 +28,8 @@ from via_gap.selection.search import Progress
 from via_gap.sensors.stamps import separate_delays
 
 
+# Threads of linear algebra wait by spinning, which takes the cores from the kernels (residual/threads.py).
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def diagnose(
     logs: Sequence[JointLog],
     device: Device,

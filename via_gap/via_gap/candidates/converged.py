@@ -7,12 +7,10 @@ where they most likely did under the fit (residual/likely_starts.py).
 from __future__ import annotations
 
 import numpy as np
-from via_core.signals import Array
 
 from via_gap.candidates.covariance import clustered_covariance
 from via_gap.candidates.fit import Axes, Fit, fit_on, members_of
 from via_gap.candidates.scales import Scales
-from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.residual_model import ResidualModel
 
@@ -26,8 +24,6 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     only the tolerances of the device limit them. `refine` ends anywhere on such a line. Its one-sided differences bend
     the line, so that it seems well determined. Central differences do not, and one step with them is nearly exact. From
     the end of a tolerance differences are one-sided, and a second step is needed.
-
-    The standard deviation of a delay also includes what is not known of the commands between samples.
     """
     likely = problem.at_likely_starts(problem.row(fit.effects, fit.offsets))
     axes = Axes.of(likely, members_of(fit), scales)
@@ -47,20 +43,6 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     covariance, pull = axes.covariance(here, normal), likely.weights(begin.residual)
     clustered = clustered_covariance(likely, slopes * pull[:, None], pull * here.residual, normal, count)
     covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(clustered) / np.diag(covariance), 1.0)),))
-    covariance += np.diag(_between_samples(axes) ** 2)
     known = np.any(slopes[:, count:] != 0.0, axis=0)
     sd = np.where(known, np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), fit.sd / axes.size)
     return fit_on(problem, axes.fit(here, covariance, sd))
-
-
-def _between_samples(axes: Axes) -> Array:
-    """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
-
-    The motion shows the sum of the delay of commands and that of the drive alone, and of a single encoder's stamps.
-    Whether a log contains every command is not known: one of many commands, held until the next, acts late by up to
-    half a period on average.
-    """
-    segments = axes.problem.views[0].segments
-    late = {"actuator_delay"} if len(segments.axes) > 1 else {"actuator_delay", "channel_skew"}
-    sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
-    return np.where([place.name in late for place in axes.locations for _ in place.parameters], sd / axes.size, 0.0)

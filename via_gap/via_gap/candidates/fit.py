@@ -19,6 +19,7 @@ from via_gap.candidates.covariance import covariance_of, in_units
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
+from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.residual.nuisance import BOUND, descend
 from via_gap.residual.residual_model import STEP, ResidualModel
 
@@ -244,9 +245,24 @@ class Axes:
         return covariance_of(normal, self.high - self.low, self.count) * max(square, 1.0)
 
     def fit(self, here: Point, covariance: Array, sd: Array) -> Fit:
-        """The fit at these coordinates; covariance (p, p) and standard deviations sd (p,) over the typical sizes."""
-        covariance = in_units(covariance, sd, self.size)
+        """The fit at these coordinates; covariance (p, p) and standard deviations sd (p,) over the typical sizes.
+
+        Standard deviations of delays also include what is not known of the commands between samples.
+        """
+        covariance = in_units(covariance, sd, self.size) + np.diag(self._between_samples() ** 2)
         return Fit(self.effects(here.at), here.at[: self.count].copy(), here.loss, here.residual, covariance)
+
+    def _between_samples(self) -> Array:
+        """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
+
+        The motion shows the sum of the delay of commands, the lag of the drive, and the delay of a single encoder's
+        stamps. Whether a log contains every command is not known: one of many commands, held until the next, acts late
+        by up to half a period on average.
+        """
+        segments = self.problem.views[0].segments
+        late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
+        sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
+        return np.where([place.name in late for place in self.locations for _ in place.parameters], sd, 0.0)
 
     def nuisance_jacobian(self, here: Point) -> Array:
         """(R, J)."""
