@@ -27,7 +27,9 @@ def servo_log(wish, seed: int) -> JointLog:
     time = np.arange(round(duration * rate)) / rate
     commands = Signals(time, {"equilibrium": wish(time)}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
     plant = JointPlant.from_device(DEVICE).with_effects(LOADED)
-    measured = simulate(plant, commands, duration, rate, Sensors.of_device(DEVICE), InitialConditions(seed=seed)).measured
+    measured = simulate(
+        plant, commands, duration, rate, Sensors.of_device(DEVICE), InitialConditions(seed=seed)
+    ).measured
     return JointLog(f"log {seed}", DEVICE, measured.select(["q"]), commands)
 
 

@@ -2,8 +2,9 @@
 
     none -> one -> two ...        each step: add the best, exchange earlier ones, drop those that do not matter
 
-Candidates are ranked by a linear prediction (screen.py). The best are fitted on a subset of the segments, and those
-near the best fit on all segments. One criterion (`matters`) decides every step.
+A linear prediction (screen.py) gives every candidate the amount to start from, and one step from there ranks it. The
+best are fitted on a subset of the segments, and those near the best fit on all segments. One criterion (`matters`)
+decides every step.
 
 Source: sequential floating forward selection, P. Pudil, J. Novovicova, J. Kittler, Floating search methods in feature
 selection, Pattern Recognition Letters 15 (1994); all pairs at once as subsets of a linear regression, G. M. Furnival,
@@ -34,13 +35,13 @@ Progress = Callable[[str, float], None]  # what is being done, share of the whol
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on held-out data
 Supported = Callable[[Evaluation], bool]  # whether a model may be named
 
-FITTED = 9  # of the ranked candidates
+FITTED = 9  # candidates
 FITTED_NEXT = 4  # beside other effects
 FITTED_WHOLE = 7  # for runs over whole recordings, where the evaluation of a fit needs several more fits
 PAIRS = 4  # best pairs that are fitted
 RACED = 3  # times as many candidates beside other effects, and pairs, take a first step
 FIRST = Budget(rounds=1)
-NEAR = 30.0  # times the best predicted loss: candidates beyond it are not fitted
+NEAR = 30.0  # times the best loss after the first step: candidates beyond it are not fitted
 CLOSE, CLOSEST = (
     2.0,
     4,
@@ -150,7 +151,7 @@ class Search:
         return self._raced(here, members, jacobian, most, rival)
 
     def _raced(
-        self, base: Fit, candidates: Sequence[Members], jacobian: Array, most: int, rival: float = 0.0
+        self, base: Fit, candidates: Sequence[Members], jacobian: np.ndarray, most: int, rival: float = 0.0
     ) -> list[Fit]:
         """Fits on the subset of the best `most` of some candidates, after one step of each from `base`.
 
