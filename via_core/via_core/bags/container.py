@@ -266,7 +266,7 @@ class _Walk:
         """Raise BagError when the bag becomes larger than the limit."""
         self.unpacked += size
         if self.unpacked > LIMITS.bag:
-            raise BagError(f"{self.path.name} makes the bag larger than {LIMITS.bag} bytes, half of this machine's memory")
+            raise BagError(f"with {self.path.name} the bag exceeds {LIMITS.bag} bytes, half of this machine's memory")
 
     def _partial_chunk(self, begin: int) -> bytes:
         """The readable part of the chunk record at `begin` that the end of the file truncates; may be empty."""

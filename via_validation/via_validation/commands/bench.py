@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, track
-from via_bringup.cli.console import errors
+from via_bringup.cli.console import errors, working
 
 from via_validation.commands.bench_soak import soak
 from via_validation.commands.row_table import Json, shown
@@ -123,7 +123,9 @@ def node(
     """The estimator node with many joints at 1 kHz over DDS: lost estimates, CPU share, latency."""
     from via_validation.bench.node import node_rows
 
-    shown("Estimator node", node_rows(seconds, joints, device, separate), as_rows)
+    with working("starting the node") as show:
+        rows = node_rows(seconds, joints, device, separate, show)
+    shown("Estimator node", rows, as_rows)
 
 
 app.command()(soak)
