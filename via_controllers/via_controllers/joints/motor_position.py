@@ -11,7 +11,7 @@ Motor velocities are not measured: they are derivatives of the angles behind a f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite, isnan, nan
 
 import numpy as np
@@ -84,7 +84,7 @@ class MotorPositionControl(Controller[MotorPositionState]):
         return (1.0 - fade) * origin + fade * np.array([x + s, x - s])
 
     def step(self, state: MotorPositionState, sample: JointSample) -> tuple[MotorPositionState, Torques]:
-        if not (isfinite(sample.time) and np.all(np.abs(sample.theta) < LARGEST)):  # the link angle is not used
+        if not (isfinite(sample.time) and np.abs(sample.theta).max() < LARGEST):  # the link angle is not used
             return state, passive(2)
         if isnan(state.start):
             theta = locked(sample.theta, "origin")
@@ -94,9 +94,8 @@ class MotorPositionControl(Controller[MotorPositionState]):
 
         theta_d = self.references(sample.time - state.start, state.origin)
         x = 0.5 * (theta_d[0] + theta_d[1])
-        tau_0 = -np.array([float(spring.torque(x - d)) for spring, d in zip(self.springs, theta_d, strict=True)])
+        tau_0 = -np.array([spring.torque_at(x - d) for spring, d in zip(self.springs, theta_d, strict=True)])
         torque = tau_0 - self.derivative_gain * velocity - self.proportional_gain * (sample.theta - theta_d)
-        after = replace(
-            state, time=sample.time, theta=locked(sample.theta, "theta"), velocity=locked(velocity, "velocity")
-        )
+        theta, velocity = locked(sample.theta, "theta"), locked(velocity, "velocity")
+        after = MotorPositionState(state.start, state.origin, sample.time, theta, velocity)
         return after, limited(torque, np.asarray(self.torque_limit))

@@ -9,6 +9,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, track
 from via_bringup.cli.console import errors, working
 
+from via_validation.commands.bench_realtime import realtime
 from via_validation.commands.bench_soak import soak
 from via_validation.commands.row_table import Json, shown
 
@@ -128,6 +129,7 @@ def node(
     shown("Estimator node", rows, as_rows)
 
 
+app.command()(realtime)
 app.command()(soak)
 
 

@@ -1,0 +1,37 @@
+"""`via bench realtime`: the closed loop at 1 kHz, beside plain rclpy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from via_bringup.cli.console import working
+
+from via_validation.commands.row_table import Json, shown
+
+PAGE = "realtime.md"
+
+
+def realtime(
+    seconds: Annotated[float, typer.Option(min=2.0, max=86400.0, help="Duration of each of the 5 runs \\[s].")] = 60.0,
+    as_rows: Json = None,
+    write: Annotated[Path | None, typer.Option(help=f"Also write {PAGE} into this folder.")] = None,
+) -> None:
+    """The closed loop at 1 kHz in one process and in four, beside plain rclpy: late ticks, round trips, processor time.
+
+    Real-time scheduling, affinity and locked memory are requested and reported. The exit code is 1 if a limit is missed.
+    """
+    from via_validation.bench.realtime import page
+    from via_validation.bench.realtime import rows as rows_of
+    from via_validation.provenance import provenance
+
+    source = provenance(f"via bench realtime --seconds {seconds:g}")
+    with working("starting") as show:
+        loops, node = rows_of.measured(seconds, show)
+    rows = [*rows_of.rows(loops), *node]
+    if write is not None:
+        page.write(loops, rows, source, write / PAGE)
+    shown("Real time", rows, as_rows)
+    if any(row.ok is False for row in rows):
+        raise typer.Exit(1)
