@@ -10,9 +10,9 @@ from via_core.signals import Array
 
 @njit(cache=True, error_model="numpy")
 def low_passed(velocity: Array, before: Array, now: Array, step: float, bandwidth: float) -> Array:
-    """A new array of velocities (n,) [rad/s] `step` [s] after `velocity`, while the angles (n,) [rad] went from `before` to `now`.
+    """Velocities (n,) [rad/s] `step` [s] after `velocity`, while the angles (n,) [rad] went from `before` to `now`.
 
-    bandwidth  [rad/s]; a step <= 0 changes nothing
+    bandwidth  [rad/s]; a step <= 0 returns a copy of `velocity`
     """
     out = velocity.copy()
     if step > 0.0:

@@ -315,9 +315,10 @@ class SimulationNode(Node, Generic[Row]):
         rate, self._reported = (self._tick - self._reported) / REPORT, self._tick
         values = {
             "ticks": self._tick, "rate [Hz]": f"{rate:g}", "late ticks": self._late, "skips of time": self._skipped,
-            "late commands": f"{self.late_commands:.4f}", "round trip, median [ms]": f"{trips.percentile(50.0):.3f}",
-            "round trip, 99 % [ms]": f"{trips.percentile(99.0):.3f}", "round trip, largest [ms]": f"{trips.largest:.3f}",
-            "refused commands": self._refused,
+            "late commands": f"{self.late_commands:.4f}", "refused commands": self._refused,
+            "round trip, median [ms]": f"{trips.percentile(50.0):.3f}",
+            "round trip, 99 % [ms]": f"{trips.percentile(99.0):.3f}",
+            "round trip, largest [ms]": f"{trips.largest:.3f}",
             "commands refused for a second commander or driver": self._mixed,
             "commanders": ", ".join(commanding), "drivers": ", ".join(driving),
             "unmatched commands": self._unmatched, "repeated samples": self._repeats,

@@ -20,7 +20,7 @@ def realtime(
 ) -> None:
     """The closed loop at 1 kHz in one process and in four, beside plain rclpy: late ticks, round trips, processor time.
 
-    Real-time scheduling, affinity and locked memory are requested and reported. The exit code is 1 if a limit is missed.
+    Real-time scheduling, affinity and locked memory are requested. The exit code is 1 if a limit is missed.
     """
     from via_validation.bench.realtime import page
     from via_validation.bench.realtime import rows as rows_of

@@ -32,8 +32,8 @@ def write(loops: Loops, rows: Sequence[Row], source: Provenance, path: Path) -> 
         "source": source,
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    filters = {"number": number, "verdict": verdict}
-    path.write_text(rendered("bench/realtime/page.md", values, filters), encoding="utf-8")
+    text = rendered("bench/realtime/page.md", values, {"number": number, "verdict": verdict})
+    path.write_text(text, encoding="utf-8")
 
 
 def _of(rows: Sequence[Row], start: str) -> list[Row]:

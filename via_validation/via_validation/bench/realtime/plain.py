@@ -110,20 +110,26 @@ class PlainEstimator(Node):
         status = self.live.take(np.array([row]))
         outputs = self.estimator.outputs
         value = dict(zip(outputs, self.live.value.tolist(), strict=True))
-        deviation = dict(zip(outputs, self.live.standard_deviation.tolist(), strict=True))
+        error = dict(zip(outputs, self.live.standard_deviation.tolist(), strict=True))
 
         def of(start: str, numbers: dict[str, float]) -> list[float]:
             return [numbers[name] for name in outputs if re.fullmatch(rf"{start}_\d+", name)]
 
         estimate = StiffnessEstimate(header=message.header, sequence=self.samples, status=status, method=self.method)
-        estimate.value, estimate.standard_deviation = value["stiffness"], deviation["stiffness"]
+        estimate.value, estimate.standard_deviation = value["stiffness"], error["stiffness"]
         estimate.transmission_value = of("stiffness", value)
-        estimate.transmission_standard_deviation = of("stiffness", deviation)
+        estimate.transmission_standard_deviation = of("stiffness", error)
         self.stiffness.publish(estimate)
         if self.motor is not None:
             motors = MotorEstimate(header=message.header, sequence=self.samples, status=status, method=self.method)
-            motors.inertia, motors.inertia_standard_deviation = of("motor_inertia", value), of("motor_inertia", deviation)
-            motors.damping, motors.damping_standard_deviation = of("motor_damping", value), of("motor_damping", deviation)
+            motors.inertia, motors.inertia_standard_deviation = (
+                of("motor_inertia", value),
+                of("motor_inertia", error),
+            )
+            motors.damping, motors.damping_standard_deviation = (
+                of("motor_damping", value),
+                of("motor_damping", error),
+            )
             self.motor.publish(motors)
         self.samples += 1
 

@@ -47,10 +47,11 @@ def _own_output() -> Callable[[str], None]:
 
 def _announce(part: Part, say: Callable[[str], None]) -> None:
     """Print when the loop begins and ends."""
-    assert part.running is not None
+    running = part.running
+    assert running is not None
 
     def look() -> None:
-        if part.running():
+        if running():
             timer.cancel()
             say("begun")
 
