@@ -39,8 +39,8 @@ def test_the_plain_loop_runs_as_long(domain):
 
 
 def test_a_process_that_ends_is_reported_instead_of_waited_for(domain):
+    worker = Worker("suite", SECONDS, [0], ["nobody"], domain)
     with pytest.raises(ViaError, match="the process of nobody ended with code 1"):
-        worker = Worker("suite", SECONDS, [0], ["nobody"], domain)
         worker.until("begun", worker.check)
 
 

@@ -1,4 +1,4 @@
-"""`via bench realtime`: the closed loop at 1 kHz, beside plain rclpy."""
+"""`via bench realtime`, the closed loop at 1 kHz beside plain rclpy, and `via bench node`, many joints in one node."""
 
 from __future__ import annotations
 
@@ -35,3 +35,18 @@ def realtime(
     shown("Real time", rows, as_rows)
     if any(row.ok is False for row in rows):
         raise typer.Exit(1)
+
+
+def node(
+    seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="Duration of the test \\[s].")] = 60.0,
+    joints: Annotated[int, typer.Option(min=1, max=64, help="Joints of two transmissions.")] = 16,
+    device: Annotated[str, typer.Option(help="Device of every joint.")] = "qbmove_a",
+    separate: Annotated[bool, typer.Option(help="One JointState per joint instead of one for all.")] = False,
+    as_rows: Json = None,
+) -> None:
+    """The estimator node with many joints at 1 kHz over DDS: lost estimates, CPU share, latency."""
+    from via_validation.bench.node import node_rows
+
+    with working("starting the node") as show:
+        rows = node_rows(seconds, joints, device, separate, show)
+    shown("Estimator node", rows, as_rows)
