@@ -265,6 +265,21 @@ def test_slow_samples_are_reported_in_one_line_with_the_remedy(graph, capfd):
     assert capfd.readouterr().err.count(remedy) == 1
 
 
+def test_samples_that_a_simulator_catches_up_are_all_answered(graph):
+    """100 ms at 1 kHz, published while the controller is busy."""
+    device, commands = load_device("qbmove_a"), []
+    controller, peer = graph.add(NODES["excitation"], device=device.name), graph.node("peer")
+    samples = peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
+    peer.create_subscription(VsaCommand, device.command_topic, commands.append, qos.SAMPLES)
+    graph.until(lambda: samples.get_subscription_count() and controller.count_subscribers(device.command_topic))
+    writer, stamps = JointStateWriter(device), [10**9 + tick * 10**6 for tick in range(100)]
+    writer.position[:] = 0.1
+    for stamp in stamps:
+        samples.publish(writer.stamped(stamp))
+    graph.until(lambda: any(nanoseconds(each.header.stamp) == stamps[-1] for each in commands))
+    assert controller.answered == len(stamps)
+
+
 def test_zero_torque_is_sent_for_unusable_samples_and_when_samples_stop(graph):
     device = load_device("qbmove_a")
     controller, peer = graph.add(NODES["equilibrium_preset"], stiffness=6.0), graph.node("peer")

@@ -74,6 +74,18 @@ def test_a_killed_recorder_has_lost_no_more_than_its_last_100_ms(graph, tmp_path
     assert recover(tmp_path / "new", tmp_path / "saved").messages == {COMMANDS: len(found)}
 
 
+def test_a_long_recording_has_several_files(graph, tmp_path):
+    robot = Robot(graph)
+    parameters = {"bag": str(tmp_path / "bag"), "topics": [f"{COMMANDS}:{TYPE}"], "max_bag_duration": 1.0}
+    recorder = graph.add(Recorder, **parameters)
+    graph.until(lambda: robot.publisher.get_subscription_count() == 1)
+    robot.run(lambda: (tmp_path / "bag" / "bag_2.mcap.active").exists())
+    graph.remove(recorder)
+    bag = read_bag(tmp_path / "bag")
+    first = int(bag[COMMANDS]["sequence"][0])
+    assert bag.complete and list(bag[COMMANDS]["sequence"]) == list(range(first, robot.message.sequence))
+
+
 def test_a_removed_folder_ends_the_recorder_with_one_line(graph, tmp_path):
     robot, recorder = Robot(graph), started(tmp_path)
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 
@@ -88,10 +89,13 @@ def test_a_removed_node_is_not_called_any_more(graph, kind):
     executor.shutdown()
 
 
-def test_a_finished_future_does_not_wait(graph):
+def test_a_finished_future_does_not_wait_and_garbage_collection_leaves_out_what_exists(graph):
+    gc.unfreeze()
     finished = Future()
     finished.set_result(0)
     spin(graph.executor, finished)
+    assert gc.get_freeze_count() > 10_000
+    gc.unfreeze()
 
 
 def test_a_condition_that_stays_false_has_a_deadline(graph):

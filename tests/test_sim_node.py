@@ -113,6 +113,8 @@ def test_lockstep_gives_the_bits_of_the_batch_and_ends_after_its_duration(graph)
     np.testing.assert_array_equal([m.value for m in bench.truths], run.truth["stiffness"])
     assert [m.sequence for m in bench.truths] == list(range(501))
     assert {m.method for m in bench.truths} == {"truth"}
+    graph.until(lambda: bench.node.round_trips.count == 501)  # the last sample is answered too
+    graph.until(lambda: bench.reported("round trip, 99 % [ms]")[-1:] not in ([], ["nan"]))
     graph.until(lambda: len(bench.clocks) == 501)
     assert bench.clocks == [stamp for stamp, _, _ in bench.samples]
 

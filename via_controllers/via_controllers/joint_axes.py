@@ -98,7 +98,7 @@ class JointAxes:
             else:
                 friction += damping
         gravity = link.gravity_torque * sin(q[0] - link.gravity_angle)
-        return torque, np.full(self.n, (-torque.sum() - friction * velocity[0] - gravity) / link.inertia)
+        return torque, np.array([(-torque.sum() - friction * velocity[0] - gravity) / link.inertia] * len(torque))
 
 
 @njit(cache=True, error_model="numpy")

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from math import exp
 
+from numba import njit
 from via_core.signals import Array
 
 
+@njit(cache=True, error_model="numpy")
 def low_passed(velocity: Array, before: Array, now: Array, step: float, bandwidth: float) -> Array:
     """Velocities (n,) [rad/s] `step` [s] after `velocity`, while the angles (n,) [rad] went from `before` to `now`.
 
-    bandwidth  [rad/s]; a step <= 0 returns `velocity`
+    bandwidth  [rad/s]; a step <= 0 returns a copy of `velocity`
     """
-    if step <= 0.0:
-        return velocity
-    return velocity + (1.0 - exp(-bandwidth * step)) * ((now - before) / step - velocity)
+    out = velocity.copy()
+    if step > 0.0:
+        for i in range(out.size):
+            out[i] += (1.0 - exp(-bandwidth * step)) * ((now[i] - before[i]) / step - out[i])
+    return out

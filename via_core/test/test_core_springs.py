@@ -270,3 +270,10 @@ def test_polynomial_that_just_touches_zero_stiffness_is_allowed() -> None:
     spring = OddPolynomialSpring(1.5, (1.0, -2.0 / 3.0, 1.0 / 5.0))
     assert float(spring.stiffness(1.0)) == pytest.approx(0.0, abs=1e-12)
     assert float(spring.stiffness(sqrt(2.0))) == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", device_names())
+def test_the_torque_at_one_deflection_is_that_of_the_array(name: str) -> None:
+    for spring in load_device(name).spring_laws:
+        phi = np.linspace(-0.9, 0.9, 7) * spring.max_deflection
+        assert [spring.torque_at(float(each), 0.1) for each in phi] == spring.torque(phi, 0.1).tolist()

@@ -11,6 +11,7 @@ from via_core.text_files import read_yaml
 
 # The other policies are rclpy's defaults: keep last, reliable, volatile.
 CONTROL = QoSProfile(depth=10)  # commands and responses: a reader may be ten messages behind without loss
+LOOP = QoSProfile(depth=200)  # of a loop, in a controller or robot: 0.2 s at 1 kHz, twice what a simulator catches up
 SAMPLES = QoSProfile(depth=1000)  # samples and estimates: a reader may be one second behind at 1 kHz
 MAX_DEPTH = 100_000  # [-] messages
 

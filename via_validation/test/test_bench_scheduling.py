@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+from errno import EPERM
+from types import SimpleNamespace
 
 import pytest
-from via_validation.bench.scheduling import real_time
+from via_validation.bench.scheduling import GRANTED, prepare, real_time
 
 
 class Kernel:
@@ -43,3 +46,17 @@ def test_without_schedulers_nothing_is_granted(monkeypatch):
     monkeypatch.delattr(os, "sched_getscheduler")
     with real_time() as granted:
         assert not granted
+
+
+@pytest.mark.parametrize("grants", [True, False])
+def test_what_a_process_is_not_granted_is_said_with_the_reason(monkeypatch, grants):
+    def request(*_):
+        if not grants:
+            raise PermissionError(EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "sched_setscheduler", request)
+    monkeypatch.setattr(os, "sched_setaffinity", request)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: SimpleNamespace(mlockall=lambda _: 0 if grants else -1))
+    monkeypatch.setattr(ctypes, "get_errno", lambda: EPERM)
+    expected = GRANTED if grants else "not granted: Operation not permitted"
+    assert prepare({0}) == {"SCHED_FIFO": expected, "affinity": expected, "memory locking": expected}

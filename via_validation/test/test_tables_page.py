@@ -113,6 +113,7 @@ def test_verdicts_and_numbers():
             [(1.0, 1.0), (1.1, 1.0), (None, 1.0), (1.0, None), (None, None)]] == [
         "ok", "MISSED", "MISSED", "shown", "not reproduced"]  # fmt: skip
     assert [number(value) for value in (None, float("inf"), 0.00012345, 12.0)] == ["-", "-", "0.0001234", "12"]
+    assert [number(value) for value in (291_873.0, 1e30, 12_345.6)] == ["291873", "1e+30", "1.235e+04"]
 
 
 def test_json_holds_every_row_and_no_nan(report):

@@ -110,10 +110,14 @@ def recover(bag: BagPath, out: Annotated[Path, typer.Argument(help="New bag fold
 def record(
     out: Annotated[Path, typer.Argument(help="New bag folder.")],
     topics: Annotated[list[str] | None, typer.Argument(help="Topics to record; default: all.")] = None,
+    max_bag_duration: Annotated[
+        float, typer.Option(min=1.0, max=1e9, help="Duration \\[s] of one file of the bag.")
+    ] = 60.0,
 ) -> None:
     """Record topics until interrupted, also those that appear later; a line names each topic at its first message."""
     check_folder(out)
-    execute_node("via_ros", "recorder", ros_arguments(bag=str(out), **({"topics": topics} if topics else {})))
+    more = {"topics": topics} if topics else {}
+    execute_node("via_ros", "recorder", ros_arguments(bag=str(out), max_bag_duration=max_bag_duration, **more))
 
 
 def play(

@@ -111,7 +111,7 @@ class MaxVelocity(Controller[MaxVelocityState]):
         step = sample.time - state.time
         velocities = low_passed(state.velocities, state.angles, angles, step, self.velocity_bandwidth)
         target, rate = self.reference(sample.time - state.start)
-        load = float(self.spring.torque(angles[0] - angles[1])) + self.damping * (velocities[0] - velocities[1])
+        load = self.spring.torque_at(angles[0] - angles[1]) + self.damping * (velocities[0] - velocities[1])
         catching_up = self.proportional_gain / self.derivative_gain * (state.origin + target - angles[1])
         speed = min(max(rate + catching_up, -self.velocity), self.velocity)
         torque = self.derivative_gain * (speed - velocities[1]) - load

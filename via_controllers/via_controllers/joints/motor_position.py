@@ -11,15 +11,19 @@ Motor velocities are not measured: they are derivatives of the angles behind a f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite, isnan, nan
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from via_core.signals import Array, locked
+from via_core.spring_equations import spring_torque
 from via_core.springs import SpringLaw
 
 from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require
-from via_controllers.joints.multisine import Multisine
+from via_controllers.joints.multisine import Multisine, multisine
 from via_controllers.low_pass import low_passed
 
 LARGEST = 1e6  # [rad] larger motor angles are transmission errors, which would corrupt the velocity estimate
@@ -34,6 +38,21 @@ class MotorPositionState:
     time: float  # [s] of the last sample
     theta: Array  # (2,) [rad]
     velocity: Array  # (2,) [rad/s] low-passed
+    reference: Array  # theta_d (2,) [rad], NaN before the first sample
+
+
+class _Constants(NamedTuple):
+    """Of the compiled step."""
+
+    kinds: Array  # (2,) of the springs
+    coefficients: Array  # (2, 8)
+    means: tuple[float, float]  # [rad] of equilibrium and preset
+    equilibrium: Array  # (2, k) tones
+    preset: Array  # (2, k) tones
+    fade_in: float  # [s]
+    proportional_gain: float
+    derivative_gain: float
+    velocity_bandwidth: float
 
 
 @dataclass(frozen=True)
@@ -67,36 +86,68 @@ class MotorPositionControl(Controller[MotorPositionState]):
 
     def observe(self, state: MotorPositionState) -> Array:
         """x and s of the references; NaN before the first sample."""
-        if isnan(state.start):
-            return np.full(2, nan)
-        first, second = self.references(state.time - state.start, state.origin)
+        first, second = state.reference
         return np.array([0.5 * (first + second), 0.5 * (first - second)])
+
+    @cached_property
+    def _constants(self) -> _Constants:
+        return _Constants(
+            np.array([spring.kind for spring in self.springs]),
+            np.array([spring.coefficients() for spring in self.springs]),
+            (float(self.equilibrium.mean), float(self.preset.mean)),
+            self.equilibrium.tones,
+            self.preset.tones,
+            float(self.fade_in),
+            float(self.proportional_gain),
+            float(self.derivative_gain),
+            float(self.velocity_bandwidth),
+        )
 
     def init(self) -> MotorPositionState:
         zeros = locked(np.zeros(2), "theta")
-        return MotorPositionState(nan, zeros, 0.0, zeros, zeros)
+        return MotorPositionState(nan, zeros, 0.0, zeros, zeros, locked(np.full(2, nan), "reference"))
 
     def references(self, time: float, origin: Array) -> Array:
         """theta_d (2,) [rad] at `time` [s] since the start at the motor angles `origin` (2,) [rad]."""
-        x, s = self.equilibrium.at(time), self.preset.at(time)
-        u = min(time / self.fade_in, 1.0)
-        fade = u * u * (3.0 - 2.0 * u)
-        return (1.0 - fade) * origin + fade * np.array([x + s, x - s])
+        return np.asarray(_references(self._constants, float(time), origin))
 
     def step(self, state: MotorPositionState, sample: JointSample) -> tuple[MotorPositionState, Torques]:
-        if not (isfinite(sample.time) and np.all(np.abs(sample.theta) < LARGEST)):  # the link angle is not used
+        if not (isfinite(sample.time) and np.abs(sample.theta).max() < LARGEST):  # the link angle is not used
             return state, passive(2)
+        theta = locked(sample.theta, "theta")
         if isnan(state.start):
-            theta = locked(sample.theta, "origin")
-            state = MotorPositionState(sample.time, theta, sample.time, theta, np.zeros(2))
-        step = sample.time - state.time
-        velocity = low_passed(state.velocity, state.theta, sample.theta, step, self.velocity_bandwidth)
-
-        theta_d = self.references(sample.time - state.start, state.origin)
-        x = 0.5 * (theta_d[0] + theta_d[1])
-        tau_0 = -np.array([float(spring.torque(x - d)) for spring, d in zip(self.springs, theta_d, strict=True)])
-        torque = tau_0 - self.derivative_gain * velocity - self.proportional_gain * (sample.theta - theta_d)
-        after = replace(
-            state, time=sample.time, theta=locked(sample.theta, "theta"), velocity=locked(velocity, "velocity")
+            state = MotorPositionState(sample.time, theta, sample.time, theta, state.velocity, state.reference)
+        elapsed, step = sample.time - state.start, sample.time - state.time
+        reference, velocity, torque = _step(
+            self._constants, elapsed, step, state.origin, state.theta, state.velocity, theta
         )
+        reference.flags.writeable = velocity.flags.writeable = False
+        after = MotorPositionState(state.start, state.origin, sample.time, theta, velocity, reference)
         return after, limited(torque, np.asarray(self.torque_limit))
+
+
+@njit(cache=True, error_model="numpy")
+def _references(given: _Constants, time: float, origin: Array) -> Array:
+    """theta_d (2,) [rad]."""
+    x, s = multisine(given.means[0], given.equilibrium, time), multisine(given.means[1], given.preset, time)
+    u = min(time / given.fade_in, 1.0)
+    fade = u * u * (3.0 - 2.0 * u)
+    out = np.empty(2)
+    out[0], out[1] = (1.0 - fade) * origin[0] + fade * (x + s), (1.0 - fade) * origin[1] + fade * (x - s)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _step(
+    given: _Constants, elapsed: float, step: float, origin: Array, before: Array, velocity: Array, theta: Array
+) -> tuple[Array, Array, Array]:
+    """References, velocities and torques (2,) each, from motor angles `theta` `step` [s] after `before`."""
+    reference = _references(given, elapsed, origin)
+    moving = low_passed(velocity, before, theta, step, given.velocity_bandwidth)
+    x = 0.5 * (reference[0] + reference[1])
+    torque = np.empty(2)
+    for i in range(2):
+        tau_0 = -spring_torque(given.kinds[i], given.coefficients[i], x - reference[i], 0.0)
+        error = theta[i] - reference[i]
+        torque[i] = tau_0 - given.derivative_gain * moving[i] - given.proportional_gain * error
+    return reference, moving, torque

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite, pi, sin
+
+import numpy as np
+from numba import njit
+from via_core.signals import Array, locked
 
 from via_controllers.contract import require
 
@@ -27,6 +32,18 @@ class Multisine:
 
     def at(self, time: float) -> float:
         """r [rad] at `time` [s] since the start."""
-        return self.mean + sum(
-            a * sin(2.0 * pi * f * time) for a, f in zip(self.amplitudes, self.frequencies, strict=True)
-        )
+        return float(multisine(self.mean, self.tones, time))
+
+    @cached_property
+    def tones(self) -> Array:
+        """Amplitudes and frequencies (2, k)."""
+        return locked(np.array([self.amplitudes, self.frequencies], dtype=np.float64), "tones")
+
+
+@njit(cache=True, error_model="numpy")
+def multisine(mean: float, tones: Array, time: float) -> float:
+    """`Multisine.at` for `Multisine.tones`."""
+    total = 0.0
+    for i in range(tones.shape[1]):
+        total += tones[0, i] * sin(2.0 * pi * tones[1, i] * time)
+    return mean + total

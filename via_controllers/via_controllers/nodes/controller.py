@@ -162,7 +162,7 @@ class ControllerNode(LifecycleNode):
         subscription = self._creator(self.create_subscription, self.destroy_subscription)
         for kind, topic, callback, profile in inputs:
             subscription(kind, topic, self._gate.message(callback), profile)
-        renewed = RenewedSubscription(self, JointState, "/joint_states", self._answer, qos.CONTROL)
+        renewed = RenewedSubscription(self, JointState, "/joint_states", self._answer, qos.LOOP)
         self._entities.append((RenewedSubscription.destroy, renewed))
 
     def _creator(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:

@@ -76,9 +76,8 @@ class JointSupervisor:
         """The next state and the torques for `sample`."""
         angles, n = np.array([sample.q, *sample.theta]), self.limits.arm.n
         velocities = self._velocities(state, sample.time, angles)
-        motion = ArmSample(
-            sample.time, np.full(n, angles[0]), np.full(n, velocities[0]), angles[1:], velocities[1:], np.full(n, nan)
-        )
+        q, q_velocity, unknown = (np.array([value] * n) for value in (angles[0], velocities[0], nan))
+        motion = ArmSample(sample.time, q, q_velocity, angles[1:], velocities[1:], unknown)
         inner, answer = self.supervisor.step(state.inner, motion, active)
         if answer.unusable:
             return state, answer

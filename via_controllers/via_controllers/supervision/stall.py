@@ -14,7 +14,7 @@ positions have changed, or when the controller is switched on or off.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 
 import numpy as np
@@ -56,7 +56,7 @@ class StallDetection:
         """The next state; `applied` (n,) [N m] acted since the last sample, at most `longest` [s] ago."""
         moved, step = sample.theta != state.theta, sample.time - state.time
         if moved.all():
-            return replace(self.init(sample), until=self._until(state, sample))
+            return Stall(sample.time, sample.theta, np.zeros((2, len(moved))), self._until(state, sample))
         travel = np.where(moved, 0.0, state.travel)
         if 0.0 < step <= longest and applied.any():
             arm, zeros = self.arm, np.zeros(len(moved))

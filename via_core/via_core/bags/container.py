@@ -71,6 +71,7 @@ class Container:
 
     complete  the file ends as the format requires and nothing was skipped
     remarks   one sentence for everything that is missing or was skipped
+    unpacked  [bytes] of the uncompressed chunks, with those of the files before it in the bag
     """
 
     path: Path
@@ -80,10 +81,14 @@ class Container:
     metadata: Mapping[str, Mapping[str, str]]
     complete: bool
     remarks: tuple[str, ...]
+    unpacked: int = 0
 
 
-def read_container(path: Path, wanted: Callable[[str], bool] = lambda topic: True) -> Container:
-    """All intact messages of the topics `wanted`. Raises BagError when `path` is not a readable MCAP file."""
+def read_container(path: Path, wanted: Callable[[str], bool] = lambda topic: True, unpacked: int = 0) -> Container:
+    """All intact messages of the topics `wanted`. Raises BagError when `path` is not a readable MCAP file.
+
+    unpacked  [bytes] of the uncompressed chunks of the files before it in the bag
+    """
     try:
         require_regular(path)
         with path.open("rb") as file:
@@ -95,7 +100,7 @@ def read_container(path: Path, wanted: Callable[[str], bool] = lambda topic: Tru
             mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # unmapped with its last view
     except OSError as error:
         raise BagError(f"cannot read {path}: {error.strerror or error}") from None
-    return _Walk(path, np.frombuffer(mapped, dtype=np.uint8), wanted).container()
+    return _Walk(path, np.frombuffer(mapped, dtype=np.uint8), wanted, unpacked).container()
 
 
 @njit(cache=True)
@@ -139,13 +144,13 @@ class _Walk:
     path: Path
     data: Bytes
     wanted: Callable[[str], bool]
+    unpacked: int  # [bytes] of the bag so far
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     pieces: dict[int, list[Messages]] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     count: int = 0
-    unpacked: int = 0  # [bytes]
 
     def container(self) -> Container:
         opcodes, offsets, lengths, end = _records(self.data, len(MAGIC), len(self.data))
@@ -184,8 +189,9 @@ class _Walk:
             lost = sum(len(piece) for channel in unknown for piece in self.pieces[channel])
             self.remarks.append(f"{lost} messages belong to undeclared channels")
         messages = {channel: joined(self.pieces.get(channel, [])) for channel in self.channels}
+        remarks = tuple(self.remarks)
         return Container(
-            self.path, profile, self.channels, messages, self.metadata, not self.remarks, tuple(self.remarks)
+            self.path, profile, self.channels, messages, self.metadata, not remarks, remarks, self.unpacked
         )
 
     def _content(self, offset: int, length: int) -> bytes:
@@ -260,7 +266,7 @@ class _Walk:
         """Raise BagError when the bag becomes larger than the limit."""
         self.unpacked += size
         if self.unpacked > LIMITS.bag:
-            raise BagError(f"{self.path.name} is larger than {LIMITS.bag} bytes, half of this machine's memory")
+            raise BagError(f"with {self.path.name} the bag exceeds {LIMITS.bag} bytes, half of this machine's memory")
 
     def _partial_chunk(self, begin: int) -> bytes:
         """The readable part of the chunk record at `begin` that the end of the file truncates; may be empty."""

@@ -259,17 +259,21 @@ def read_bag(path: str | Path, topics: Iterable[str] | None = None) -> Bag:
     if not path.exists():
         raise BagError(f"no bag at {path}")
     chosen = None if topics is None else set(topics)
-    files = databases_of(path)
-    read = read_database if files else read_container
-    files = files or list(files_of(path))
+    databases = databases_of(path)
+    files = databases or list(files_of(path))
     if not files:
         hint = "; convert it with rosbags-convert" if list(path.glob("*.bag")) else ""
         raise BagError(f"{path} holds neither an .mcap nor a .db3 file{hint}")
     remarks: list[str] = []
-    containers = []
+    containers: list[Container] = []
+
+    def wanted(topic: str) -> bool:
+        return chosen is None or topic in chosen
+
     for file in files:
         try:
-            containers.append(read(file, lambda topic: chosen is None or topic in chosen))
+            before = containers[-1].unpacked if containers else 0
+            containers.append(read_database(file, wanted) if databases else read_container(file, wanted, before))
         except BagError as error:
             if len(files) == 1:
                 raise
@@ -324,7 +328,7 @@ def _topics(containers: list[Container], remarks: list[str]) -> dict[str, Topic]
 
 
 def _metadata(path: Path, containers: list[Container]) -> tuple[dict[str, str], list[str]]:
-    """custom_data from metadata.yaml or from its copy in the MCAP file, and remarks."""
+    """custom_data from metadata.yaml, or else from the last copy in an MCAP file, and remarks."""
     texts = []
     remarks = []
     if path.is_dir():
@@ -332,16 +336,19 @@ def _metadata(path: Path, containers: list[Container]) -> tuple[dict[str, str], 
             texts.append(read_text(path / "metadata.yaml", BagError))
         except BagError:
             remarks.append("metadata.yaml is missing or cannot be read")
-    texts += [each.metadata.get(STORAGE_METADATA, {}).get("serialized_metadata", "") for each in containers]
+    texts += [each.metadata.get(STORAGE_METADATA, {}).get("serialized_metadata", "") for each in reversed(containers)]
     for text in filter(None, texts):
         try:
             content = read_yaml(text, "metadata", BagError, _YamlLoader)
             content = content.get("rosbag2_bagfile_information", content)
             custom = content.get("custom_data") or {}
+            listed = {Path(each).name for each in content.get("relative_file_paths") or ()}
+            if path.is_dir() and not remarks:  # this is metadata.yaml, not a copy
+                remarks += [f"{name} is missing" for name in sorted(listed - {each.name for each in path.iterdir()})]
             if JUMPS in custom:
                 remarks.append(f"simulated time has jumped {custom[JUMPS]} times during the recording")
             return {str(key): str(value) for key, value in custom.items()}, remarks
-        except (BagError, AttributeError):
+        except (BagError, AttributeError, TypeError):
             remarks.append("the metadata of the bag is invalid")
     return {}, remarks
 

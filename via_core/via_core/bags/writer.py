@@ -1,18 +1,22 @@
 """Bag writer in the format of rosbag2: a directory `<name>/` with `<name>_0.mcap` and metadata.yaml.
 
-During recording the file is named `<name>_0.mcap.active`; `close` gives it its final name and writes metadata.yaml
-last. An interrupted bag can be read in part and repaired with `recover`. MCAP: profile 'ros2', zstd chunks of 64 KiB
-with message index; metadata.yaml: rosbag2 version 9 (Jazzy). Sources: https://mcap.dev/spec/registry (profile ros2),
-rosbag2_storage_mcap, rosbag2_storage TopicMetadata.
+The index of a file stays in memory until the file is finished: 0.7 KiB for each chunk of four topics. A long recording
+is therefore split into several files, `<name>_1.mcap` and so on, as by `ros2 bag record --max-bag-duration`.
+
+During recording the present file is named `<name>_0.mcap.active`; when it is finished it gets its final name.
+metadata.yaml is written last. An interrupted bag can be read in part and repaired with `recover`. MCAP: profile 'ros2',
+zstd chunks of 64 KiB with message index; metadata.yaml: rosbag2 version 9 (Jazzy). Sources:
+https://mcap.dev/spec/registry (profile ros2), rosbag2_storage_mcap, rosbag2_storage TopicMetadata.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from errno import ENOENT
 from pathlib import Path
 from types import TracebackType
@@ -80,29 +84,50 @@ def _word(value: str | int, by_number: dict[int, str], otherwise: str) -> str:
 @dataclass
 class _Topic:
     name: str
-    type_name: str
-    type_hash: str
+    definition: Definition
     qos: list[dict[str, Any]]
-    channel: int
-    messages: int = 0
+    channel: int = 0
+
+
+@dataclass
+class _Split:
+    """One file of a bag: log times of its messages [ns], and their number by topic."""
+
+    name: str
+    first: int | None = None
+    last: int = 0
+    messages: Counter[str] = field(default_factory=Counter)
+
+    def as_rosbag2(self) -> dict[str, Any]:
+        start = self.first or 0
+        return {
+            "path": self.name,
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": self.last - start},
+            "message_count": self.messages.total(),
+        }
 
 
 class BagWriter:
     """Writes serialised messages (CDR with its four-byte header) into a new bag directory.
 
-    path      directory to create; BagError when it exists or its name is not UTF-8
-    metadata  texts stored as rosbag2 custom_data
+    path          directory to create; BagError when it exists or its name is not UTF-8
+    metadata      texts stored as rosbag2 custom_data
+    max_duration  log time [s] from the first message of a file on after which the next file begins
 
     As a context manager it finishes the bag on success; on an exception the data stays under the unfinished name.
     """
 
-    def __init__(self, path: str | Path, metadata: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, path: str | Path, metadata: Mapping[str, str] | None = None, max_duration: float = float("inf")
+    ) -> None:
         self.path = Path(path)
         self.metadata = dict(metadata or {})
         self._topics: dict[str, _Topic] = {}
-        self._schemas: dict[str, int] = {}
-        self._first: int | None = None  # [ns]
-        self._last = 0  # [ns]
+        self._schemas: dict[str, int] = {}  # of the present file, by type
+        self._splits: list[_Split] = []
+        self._max_duration = max_duration * 1e9  # [ns]
+        self._writer: Writer | None = None
         try:
             self.path.name.encode()  # the bag contains its own name as UTF-8
             self.path.mkdir(parents=True)
@@ -112,14 +137,8 @@ class BagWriter:
             raise BagError(f"{self.path} exists already; choose another name or remove it") from None
         except OSError as error:
             raise BagError(f"cannot create the bag {self.path}: {error.strerror}") from None
-        self._final = self.path / f"{self.path.name}_0.mcap"
-        self._active = self._final.with_name(self._final.name + UNFINISHED)
         with self._filing():
-            self._file = self._active.open("wb")
-            self._writer: Writer | None = Writer(
-                self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, index_types=IndexType.ALL
-            )
-            self._writer.start(profile="ros2", library="via_core")
+            self._begin()
 
     def add_topic(
         self,
@@ -136,20 +155,12 @@ class BagWriter:
         writer = self._open_writer()
         known = self._topics.get(topic)
         if known is not None:
-            if known.type_name != type_name:
-                raise BagError(f"topic {topic} is {known.type_name} in {self.path.name}, not {type_name}")
+            if known.definition.type_name != type_name:
+                raise BagError(f"topic {topic} is {known.definition.type_name} in {self.path.name}, not {type_name}")
             return
-        definition = definition or definition_of(type_name)
-        if type_name not in self._schemas:
-            self._schemas[type_name] = writer.register_schema(type_name, "ros2msg", definition.text.encode())
         profiles = [each.as_rosbag2() for each in (qos if isinstance(qos, tuple) else (qos,))]
-        channel = writer.register_channel(
-            topic,
-            "cdr",
-            self._schemas[type_name],
-            {"offered_qos_profiles": _yaml(profiles), "topic_type_hash": definition.type_hash},
-        )
-        self._topics[topic] = _Topic(topic, type_name, definition.type_hash, profiles, channel)
+        self._topics[topic] = _Topic(topic, definition or definition_of(type_name), profiles)
+        self._register(writer, self._topics[topic])
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int | None = None, sequence: int = 0) -> None:
         """Append one serialised message; times in [ns], not negative.
@@ -165,11 +176,15 @@ class BagWriter:
         published = log_time if publish_time is None else publish_time
         if min(log_time, published) < 0:
             raise BagError(f"negative time {min(log_time, published)} ns for {topic} in {self.path.name}")
+        split = self._splits[-1]
         with self._filing():
+            if split.first is not None and log_time - split.first >= self._max_duration:
+                self._finish(writer)
+                writer, split = self._begin()
             writer.add_message(declared.channel, log_time, data, published, sequence & 0xFFFFFFFF)
-        declared.messages += 1
-        self._first = log_time if self._first is None else min(self._first, log_time)
-        self._last = max(self._last, log_time)
+        split.messages[topic] += 1
+        split.first = log_time if split.first is None else min(split.first, log_time)
+        split.last = max(split.last, log_time)
 
     def flush(self) -> None:
         """End the present chunk and hand it to the operating system: a killed process loses only later messages.
@@ -184,25 +199,55 @@ class BagWriter:
 
     def messages(self) -> dict[str, int]:
         """Number of messages written, by topic."""
-        return {topic.name: topic.messages for topic in self._topics.values()}
+        counts = _total(self._splits)
+        return {topic: counts[topic] for topic in self._topics}
 
     def close(self) -> None:
         """Finish the file, give it its final name, write metadata.yaml. A second call has no effect."""
         if self._writer is None:
             return
-        information = self._information()
         with self._filing():
-            self._writer.add_metadata(STORAGE_METADATA, {"serialized_metadata": _yaml(information)})
-            self._writer.finish()
-            self._file.flush()
-            os.fsync(self._file.fileno())
-            self._file.close()
-            self._writer = None
-            self._active.rename(self._final)
+            self._finish(self._writer)
+            for split in self._splits:
+                with (self.path / split.name).open("rb") as file:
+                    os.fsync(file.fileno())
             metadata = self.path / "metadata.yaml"
             unfinished = metadata.with_name(metadata.name + UNFINISHED)
-            unfinished.write_text(_yaml({"rosbag2_bagfile_information": information}) + "\n", encoding="utf-8")
+            text = _yaml({"rosbag2_bagfile_information": self._information(self._splits)})
+            unfinished.write_text(text + "\n", encoding="utf-8")
             unfinished.rename(metadata)
+
+    def _begin(self) -> tuple[Writer, _Split]:
+        """Open the next file and declare the topics in it."""
+        split = _Split(f"{self.path.name}_{len(self._splits)}.mcap")
+        self._active = self.path / (split.name + UNFINISHED)
+        self._file = self._active.open("wb")
+        writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, index_types=IndexType.ALL)
+        writer.start(profile="ros2", library="via_core")
+        self._writer = writer
+        self._schemas.clear()
+        for topic in self._topics.values():
+            self._register(writer, topic)
+        self._splits.append(split)
+        return writer, split
+
+    def _register(self, writer: Writer, topic: _Topic) -> None:
+        """Declare a topic in the present file."""
+        definition, name = topic.definition, topic.definition.type_name
+        if name not in self._schemas:
+            self._schemas[name] = writer.register_schema(name, "ros2msg", definition.text.encode())
+        metadata = {"offered_qos_profiles": _yaml(topic.qos), "topic_type_hash": definition.type_hash}
+        topic.channel = writer.register_channel(topic.name, "cdr", self._schemas[name], metadata)
+
+    def _finish(self, writer: Writer) -> None:
+        """Finish the present file and give it its final name."""
+        text = _yaml(self._information(self._splits[-1:]))
+        writer.add_metadata(STORAGE_METADATA, {"serialized_metadata": text})
+        writer.finish()
+        self._file.flush()
+        self._writer = None
+        self._file.close()
+        self._active.rename(self.path / self._splits[-1].name)
 
     def abandon(self) -> None:
         """Stop without finishing: all chunks, also the current one, stay in the file under its unfinished name."""
@@ -245,43 +290,41 @@ class BagWriter:
             raise BagError(f"the bag {self.path.name} is closed")
         return self._writer
 
-    def _information(self) -> dict[str, Any]:
-        start = self._first or 0
-        duration = {"nanoseconds": self._last - start}
-        count = sum(topic.messages for topic in self._topics.values())
+    def _information(self, splits: Sequence[_Split]) -> dict[str, Any]:
+        """The metadata of rosbag2 for these files."""
+        counts = _total(splits)
+        start = min((split.first for split in splits if split.first is not None), default=0)
         return {
             "version": 9,
             "storage_identifier": "mcap",
-            "duration": duration,
+            "duration": {"nanoseconds": max(split.last for split in splits) - start},
             "starting_time": {"nanoseconds_since_epoch": start},
-            "message_count": count,
+            "message_count": counts.total(),
             "topics_with_message_count": [
                 {
                     "topic_metadata": {
                         "name": topic.name,
-                        "type": topic.type_name,
+                        "type": topic.definition.type_name,
                         "serialization_format": "cdr",
                         "offered_qos_profiles": topic.qos,
-                        "type_description_hash": topic.type_hash,
+                        "type_description_hash": topic.definition.type_hash,
                     },
-                    "message_count": topic.messages,
+                    "message_count": counts[topic.name],
                 }
                 for topic in self._topics.values()
             ],
             "compression_format": "",
             "compression_mode": "",
-            "relative_file_paths": [self._final.name],
-            "files": [
-                {
-                    "path": self._final.name,
-                    "starting_time": {"nanoseconds_since_epoch": start},
-                    "duration": dict(duration),
-                    "message_count": count,
-                }
-            ],
+            "relative_file_paths": [split.name for split in splits],
+            "files": [split.as_rosbag2() for split in splits],
             "custom_data": self.metadata or None,
             "ros_distro": "jazzy",
         }
+
+
+def _total(splits: Sequence[_Split]) -> Counter[str]:
+    """Number of messages by topic."""
+    return sum((split.messages for split in splits), Counter())
 
 
 class _PlainDumper(yaml.SafeDumper):

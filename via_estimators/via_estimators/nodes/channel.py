@@ -63,6 +63,7 @@ class EstimatorChannel:
         self.topics = ", ".join(publisher.topic_name for _, publisher in self._outputs)
         # An invalid sample loads the compiled kernel before the first valid one arrives.
         self.live.take(np.full((1, 1 + len(estimator.inputs)), np.nan))
+        self.live.health()  # its first call takes several periods of a loop at 1 kHz
         self.live.restart()
         estimator.load()
 

@@ -7,8 +7,8 @@ first message is recorded. Without `topics` all topics are recorded as they appe
 first message. Only a properly closed bag gets its final name; otherwise the file keeps its unfinished name.
 
 Messages are handed to the operating system every 50 ms, so that a killed recorder loses at most those of the last
-100 ms. The log time is that of this machine, even if the node uses simulated time; jumps of simulated time make the bag
-incomplete.
+100 ms. After `max_bag_duration` the bag gets another file, since the index of a file stays in memory until its end. The
+log time is that of this machine, even if the node uses simulated time; jumps of simulated time make the bag incomplete.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ HINT = 3.0  # [s] after which wanted topics without a publisher are named
 class Parameters:
     bag: str = parameter("", "folder of the new bag; must not exist")
     topics: tuple[str, ...] = parameter((), "topics to record, 'name' or 'name:type'; empty: all")
+    max_bag_duration: float = parameter(60.0, "duration after which the bag gets another file", "s", (1.0, 1e9))
 
 
 @dataclass
@@ -78,7 +79,7 @@ class Recorder(Node):
         self._wanted = {self.resolve_topic_name(name): type_name for name, _, type_name in wanted}
         for type_name in filter(None, self._wanted.values()):
             message_class(type_name)  # raises for a wrong type, before the bag is created
-        self._writer = BagWriter(self.parameters.bag)
+        self._writer = BagWriter(self.parameters.bag, max_duration=self.parameters.max_bag_duration)
         self._epoch = time.time_ns() - time.monotonic_ns()  # [ns] a bag's time neither jumps nor runs backward
         self._jumps = 0
         self._jump = self.get_clock().create_jump_callback(

@@ -43,6 +43,8 @@ from via_ros.peers import CommandOrigin, DriverOrigin, commanders, drivers, riva
 from via_ros.serialised import decoded_command
 from via_ros.spin import STEADY
 
+from via_sim.nodes.round_trips import RoundTrips
+
 Row = TypeVar("Row")  # a command as the simulated robot takes it
 
 REPORT = 1.0  # [s] between diagnostics
@@ -76,6 +78,7 @@ class SimulationNode(Node, Generic[Row]):
         super().__init__(name, **options)
         self.finished = Future()
         self.gate = Gate(self.get_logger())
+        self.round_trips = RoundTrips()
         self._tick = self._late = self._skipped = self._refused = self._unmatched = self._repeats = 0
         self._taken = self._overtaken = self._looks = self._mixed = 0
         self._last = sys.maxsize
@@ -100,7 +103,7 @@ class SimulationNode(Node, Generic[Row]):
         self._command_stamp = -WATCHDOG  # [ns] stamp from which the command's time counts
         if times.mode != "realtime":
             self._clock_publisher = self.create_publisher(ClockMessage, "/clock", qos.CONTROL)
-        self._commands = RenewedSubscription(self, VsaCommand, command_topic, self._take, qos.CONTROL)
+        self._commands = RenewedSubscription(self, VsaCommand, command_topic, self._take, qos.LOOP)
         self._commanders = CommandOrigin()
         self._drivers = DriverOrigin(self, "/joint_states", command_topic, self._samples.names)
         self.create_timer(REPORT, self._report, clock=STEADY)
@@ -255,6 +258,7 @@ class SimulationNode(Node, Generic[Row]):
             self._clock_publisher.publish(self._clock_message)
         self._last_sample = self._sample(stamp)
         self._drivers.sent(stamp)
+        self.round_trips.sent(stamp)
         self._joint_states.publish(self._last_sample)
 
     # ---- commands
@@ -270,6 +274,7 @@ class SimulationNode(Node, Generic[Row]):
             self._command = self._passive()
             return
         now, stamp = self._stamp(), decoded[0]
+        self.round_trips.answered(stamp)
         if self._times.mode == "lockstep":
             if not self._running or stamp != now:
                 self._unmatched += 1
@@ -285,7 +290,7 @@ class SimulationNode(Node, Generic[Row]):
     # ---- diagnostics
 
     def _report(self) -> None:
-        mode, silent = self._times.mode, self._stamp() - self._command_stamp > WATCHDOG
+        trips, mode, silent = self.round_trips, self._times.mode, self._stamp() - self._command_stamp > WATCHDOG
         troubles, values = self._diagnose()
         commanding = commanders(self, self._commands.topic_name)
         driving = drivers(self, "/joint_states", self._commands.topic_name)
@@ -311,6 +316,9 @@ class SimulationNode(Node, Generic[Row]):
         values = {
             "ticks": self._tick, "rate [Hz]": f"{rate:g}", "late ticks": self._late, "skips of time": self._skipped,
             "late commands": f"{self.late_commands:.4f}", "refused commands": self._refused,
+            "round trip, median [ms]": f"{trips.percentile(50.0):.3f}",
+            "round trip, 99 % [ms]": f"{trips.percentile(99.0):.3f}",
+            "round trip, largest [ms]": f"{trips.largest:.3f}",
             "commands refused for a second commander or driver": self._mixed,
             "commanders": ", ".join(commanding), "drivers": ", ".join(driving),
             "unmatched commands": self._unmatched, "repeated samples": self._repeats,

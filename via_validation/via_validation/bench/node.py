@@ -2,20 +2,24 @@
 
 Three processes: this one publishes joint states, stamped with the monotonic clock; the estimator node; and a listener
 that takes every estimate of every topic, checks the sequence numbers and measures the time from stamp to arrival.
-CPU shares are relative to one core and include all threads of a process.
+Samples before and after the run show that all are connected, and that the last estimate of the run has arrived: nothing
+depends on the speed of the machine. CPU shares are relative to one core and include all threads of a process.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from select import select
+from typing import IO, Any
 
 import numpy as np
 from via_core.devices import Device, load_device
@@ -25,38 +29,47 @@ from via_core.wire import SECOND
 from via_validation.tables.rows import Row
 
 RATE = 1000.0  # [Hz]
-CONNECT = 60.0  # [s] time limit for all topics to be connected
-CPU_LIMIT = 80.0  # [%] of a core, with some margin
+IDLE = 0.02  # [s] between two samples before and after the run
+CPU_LIMIT = 60.0  # [%] of a core
 TICKS = os.sysconf("SC_CLK_TCK")  # per second of CPU time
+FOREVER = 1 << 62  # [ns]
+Show = Callable[[str, float], None]  # what is done, and the share done, NaN if unknown
 
 
 def listen(devices: list[Device]) -> None:
-    """Take every estimate until SIGTERM; then print counts, errors and latencies as JSON."""
+    """Take every estimate and check its number; print 'ready' as soon as each topic had one.
+
+    Then two lines of stdin, each of which is answered, name the stamps [ns] between which estimates count. When each
+    topic had a later one: print counts, errors and latencies as JSON.
+    """
     import rclpy
-    from rclpy.executors import ExternalShutdownException
     from via_interfaces.msg import MotorEstimate, StiffnessEstimate
     from via_ros import middleware, qos
     from via_ros.interfaces import opening_of
+    from via_ros.spin import FOREVER as PATIENCE
     from via_ros.spin import make_executor, spin_until
 
     middleware.prepare()
-    rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-    ended: list[bool] = []
-    signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
+    rclpy.init()
     node = rclpy.create_node("listener")
-    late: list[
-        int
-    ] = []  # [ns] from stamp to arrival of the last device's stiffness, the last estimate but one of a tick
+    # [ns] from stamp to arrival of the last device's stiffness, the last estimate but one of a tick
+    late: list[int] = []
+    bounds = [FOREVER, FOREVER]  # [ns]
+    newest: dict[str, tuple[int, int]] = {}  # stamp and number
     counts: dict[str, int] = {}
     wrong: list[str] = []
 
-    def check(topic: str, data: bytes) -> int:
+    def check(topic: str, data: bytes) -> int | None:
+        """The stamp of an estimate of the run."""
         opening = opening_of(data)
         assert opening is not None
         stamp, sequence = opening
-        if sequence != counts.get(topic, 0):
-            wrong.append(f"{topic}: {sequence} after {counts.get(topic, 0) - 1}")
-        counts[topic] = sequence + 1
+        if topic in newest and sequence != newest[topic][1] + 1:
+            wrong.append(f"{topic}: {sequence} after {newest[topic][1]}")
+        newest[topic] = opening
+        if not bounds[0] <= stamp < bounds[1]:
+            return None
+        counts[topic] = counts.get(topic, 0) + 1
         return stamp
 
     others: list[tuple[str, Any, Any]] = []
@@ -73,25 +86,38 @@ def listen(devices: list[Device]) -> None:
                 check(topic, taken[0])
 
     last = f"/{devices[-1].name}/stiffness"
+    heard = 0
 
     def take(data: bytes) -> None:
+        nonlocal heard
         now = time.monotonic_ns()
-        late.append(now - check(last, data))
-        if len(late) % 50 == 0:
+        stamp = check(last, data)
+        if stamp is not None:
+            late.append(now - stamp)
+        heard += 1
+        if heard % 50 == 0:
             drain()
+
+    def all_after(stamp: int) -> bool:
+        drain()
+        return len(newest) == 2 * len(devices) and all(newest[topic][0] >= stamp for topic in newest)
+
+    def bound() -> None:
+        for k in range(2):
+            bounds[k] = int(sys.stdin.readline())
+            print("yes", flush=True)
 
     # Only this subscription wakes the process; messages of the others stay in the middleware until drained.
     awake = rclpy.create_node("awake")
     awake.create_subscription(StiffnessEstimate, last, take, qos.SAMPLES, raw=True)
     executor = make_executor()
     executor.add_node(awake)
-    try:
-        spin_until(executor, lambda: bool(ended), 1e6)
-        drain()
-    except ExternalShutdownException:
-        pass
-    taken = np.array(late) / 1e3
-    print(json.dumps({"counts": counts, "wrong": wrong, "latency": np.percentile(taken, [50, 99, 99.9, 100]).tolist()}))
+    spin_until(executor, lambda: all_after(0), PATIENCE)
+    print("ready", flush=True)
+    threading.Thread(target=bound, daemon=True).start()
+    spin_until(executor, lambda: all_after(bounds[1]), PATIENCE)
+    latency = np.percentile(np.array(late) / 1e3, [50, 99, 99.9, 100]).tolist()
+    print(json.dumps({"counts": counts, "wrong": wrong, "latency": latency}), flush=True)
 
 
 def cpu(pid: int) -> float:
@@ -100,35 +126,28 @@ def cpu(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / TICKS
 
 
-def publish(
-    devices: list[Device],
-    seconds: float,
-    separate: bool,
-    node: subprocess.Popen[bytes],
-    listener: subprocess.Popen[str],
-) -> dict[str, float]:
-    """Publish smooth motion for `seconds`; returns steps, elapsed time, CPU shares and late ticks."""
-    import rclpy
-    from rclpy.serialization import serialize_message
-    from sensor_msgs.msg import JointState
-    from via_ros import middleware, qos
+class Robot:
+    """Publishes smooth motion; with one JointState per joint if `separate`."""
 
-    middleware.prepare()
-    rclpy.init()
-    peer = rclpy.create_node("robot")
-    groups = [[device] for device in devices] if separate else [devices]
-    publishers = [peer.create_publisher(JointState, "/joint_states", qos.SAMPLES) for _ in groups]
-    topics = [f"/{device.name}/{name}" for device in devices for name in ("stiffness", "motor")]
-    deadline = time.monotonic() + CONNECT
-    while any(each.get_subscription_count() < 1 for each in publishers) or any(
-        peer.count_publishers(topic) < 1 or peer.count_subscribers(topic) < 1 for topic in topics
-    ):
-        if time.monotonic() > deadline or node.poll() is not None or listener.poll() is not None:
-            raise ViaError(f"the node or its listener ended, or was not connected within {CONNECT:g} s")
-        time.sleep(0.05)
-    time.sleep(6.0)  # this process has discovered both others; they need to discover each other as well
-    writers: list[tuple[Any, bytearray, np.ndarray, np.ndarray]] = []
-    for group, publisher in zip(groups, publishers, strict=True):
+    def __init__(self, devices: list[Device], separate: bool, domain: int) -> None:
+        import rclpy
+        from rclpy.context import Context
+        from via_ros import middleware
+
+        middleware.prepare()
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = rclpy.create_node("robot", context=self._context)
+        self._writers = [self._writer(group) for group in ([[each] for each in devices] if separate else [devices])]
+        self._phase = np.arange(3 * len(devices)) * 0.7
+        self._pace = 5.0 + 0.1 * np.arange(3 * len(devices))
+
+    def _writer(self, group: list[Device]) -> tuple[Any, bytearray, np.ndarray, np.ndarray]:
+        """Publisher, serialised message, and views of its positions and efforts."""
+        from rclpy.serialization import serialize_message
+        from sensor_msgs.msg import JointState
+        from via_ros import qos
+
         message = JointState(name=[name for each in group for name in (each.link_joint, *each.motor_joints)])
         count = len(message.name)
         for field in ("position", "velocity", "effort"):
@@ -139,34 +158,83 @@ def publish(
         positions = np.frombuffer(data, np.float64, count, first)
         efforts = np.frombuffer(data, np.float64, count, first + 2 * (8 * count + 8))
         assert np.all(positions == 1.0) and np.all(efforts == 1.0)
-        writers.append((publisher, data, positions, efforts))
-    phase = np.arange(3 * len(devices)) * 0.7
-    pace = 5.0 + 0.1 * np.arange(3 * len(devices))
-    steps, missed = round(seconds * RATE), 0
-    used, start = cpu(node.pid), time.monotonic()
-    mine = time.process_time()
-    for step in range(steps):
-        left = start + step / RATE - time.monotonic()
-        if left > 0.0:
-            time.sleep(left)
-        missed += left < -1.0 / RATE
-        angles = 0.3 * np.sin(pace * (step / RATE) + phase)
-        torques = 0.5 * np.cos(pace * (step / RATE) + phase)
+        return self._node.create_publisher(JointState, "/joint_states", qos.SAMPLES), data, positions, efforts
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def publish(self, time_: float) -> None:
+        """The sample at a time [s] of the motion."""
+        angles = 0.3 * np.sin(self._pace * time_ + self._phase)
+        torques = 0.5 * np.cos(self._pace * time_ + self._phase)
         at = 0
-        for publisher, data, positions, efforts in writers:
+        for publisher, data, positions, efforts in self._writers:
             positions[:] = angles[at : at + len(positions)]
             efforts[:] = torques[at : at + len(positions)]
             at += len(positions)
             stamp = time.monotonic_ns()
             data[4:12] = np.array([stamp // SECOND, stamp % SECOND], dtype=np.uint32).tobytes()
             publisher.publish(bytes(data))
+
+
+@dataclass(frozen=True)
+class Peers:
+    """The processes beside the robot."""
+
+    node: subprocess.Popen[bytes]
+    listener: subprocess.Popen[str]
+
+    @property
+    def _answers(self) -> IO[str]:
+        assert self.listener.stdout is not None
+        return self.listener.stdout
+
+    def line(self, meanwhile: Callable[[], None]) -> str:
+        """The next line of the listener; until then `meanwhile` is called. Raises ViaError if a process ends."""
+        while not select([self._answers], [], [], IDLE)[0]:
+            if self.node.poll() is not None:
+                raise ViaError(f"the node ended with code {self.node.returncode}")
+            meanwhile()
+        return self._answers.readline() or self._ended()
+
+    def bound(self) -> None:
+        """Give the listener the time now as a bound of the run."""
+        assert self.listener.stdin is not None
+        print(time.monotonic_ns(), file=self.listener.stdin, flush=True)
+        self.line(lambda: None)
+
+    def _ended(self) -> str:
+        raise ViaError(f"the listener ended with code {self.listener.wait()}")
+
+
+def publish(robot: Robot, seconds: float, peers: Peers, show: Show) -> tuple[dict[str, float], dict[str, Any]]:
+    """Publish for `seconds`; returns what was sent (steps, CPU shares, late ticks) and what was received."""
+    show("waiting for an estimate on every topic", float("nan"))
+    peers.line(lambda: robot.publish(0.0))
+    peers.bound()
+    steps, missed = round(seconds * RATE), 0
+    used, mine, start = cpu(peers.node.pid), time.process_time(), time.monotonic()
+    for step in range(steps):
+        left = start + step / RATE - time.monotonic()
+        if left > 0.0:
+            time.sleep(left)
+        missed += left < -1.0 / RATE
+        robot.publish(step / RATE)
+        if step % RATE == 0:
+            show("publishing samples", step / steps)
     elapsed = time.monotonic() - start
-    share, own = (cpu(node.pid) - used) / elapsed, (time.process_time() - mine) / elapsed
-    time.sleep(2.0)
-    return {"steps": steps, "elapsed": elapsed, "node": share, "robot": own, "late ticks": missed}
+    share, own = (cpu(peers.node.pid) - used) / elapsed, (time.process_time() - mine) / elapsed
+    peers.bound()
+    show("waiting for the last estimates", float("nan"))
+    received = json.loads(peers.line(lambda: robot.publish(seconds)))
+    return {"steps": steps, "node": share, "robot": own, "late ticks": missed}, received
 
 
-def node_rows(seconds: float, joints: int, device: str, separate: bool) -> list[Row]:
+def node_rows(
+    seconds: float, joints: int, device: str, separate: bool, show: Show = lambda step, share: None
+) -> list[Row]:
     """Rows of a run of `seconds`, with one JointState per joint if `separate`. Raises ViaError if a process fails."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from via_ros.domains import reserved_domain
@@ -174,19 +242,22 @@ def node_rows(seconds: float, joints: int, device: str, separate: bool) -> list[
     names = [f"j{k}={device}" for k in range(1, joints + 1)]
     devices = [load_device(name) for name in names]
     listing = json.dumps(names)
-    with reserved_domain() as domain:
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-        estimator = [sys.executable, "-m", "via_estimators.nodes.estimator", "--ros-args", "-p", f"devices:={listing}"]
-        node = subprocess.Popen(estimator)
-        listener = subprocess.Popen([sys.executable, "-m", __name__, listing], stdout=subprocess.PIPE, text=True)
-        try:
-            sent = publish(devices, seconds, separate, node, listener)
-            listener.send_signal(signal.SIGTERM)
-            received = json.loads(listener.communicate(timeout=30.0)[0])
-        finally:
-            for process in (node, listener):
-                process.terminate()
-                process.wait()
+    with ExitStack() as stack:
+        domain = stack.enter_context(reserved_domain())
+        pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+
+        def started(module: str, *words: str, **options: Any) -> Any:
+            environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+            process = subprocess.Popen([sys.executable, "-m", module, *words], env=environment, **options)
+            stack.callback(process.wait)
+            stack.callback(process.terminate)
+            return process
+
+        node = started("via_estimators.nodes.estimator", "--ros-args", "-p", f"devices:={listing}")
+        listener = started(__name__, listing, **pipes)
+        robot = Robot(devices, separate, domain)
+        stack.callback(robot.close)
+        sent, received = publish(robot, seconds, Peers(node, listener), show)
     return _rows(sent, received, f"{joints} x {device}, {RATE:g} Hz, {seconds:g} s, "
                  f"{'one JointState per joint' if separate else 'one JointState for all'}", 2 * joints)  # fmt: skip
 

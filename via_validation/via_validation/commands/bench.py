@@ -9,6 +9,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, track
 from via_bringup.cli.console import errors
 
+from via_validation.commands.bench_realtime import node, realtime
 from via_validation.commands.bench_soak import soak
 from via_validation.commands.row_table import Json, shown
 
@@ -112,20 +113,8 @@ def hitting(as_rows: Json = None) -> None:
     shown("Hitting over DDS", rows, as_rows)
 
 
-@app.command()
-def node(
-    seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="Duration of the test \\[s].")] = 60.0,
-    joints: Annotated[int, typer.Option(min=1, max=64, help="Joints of two transmissions.")] = 16,
-    device: Annotated[str, typer.Option(help="Device of every joint.")] = "qbmove_a",
-    separate: Annotated[bool, typer.Option(help="One JointState per joint instead of one for all.")] = False,
-    as_rows: Json = None,
-) -> None:
-    """The estimator node with many joints at 1 kHz over DDS: lost estimates, CPU share, latency."""
-    from via_validation.bench.node import node_rows
-
-    shown("Estimator node", node_rows(seconds, joints, device, separate), as_rows)
-
-
+app.command()(node)
+app.command()(realtime)
 app.command()(soak)
 
 

@@ -17,6 +17,7 @@ from via_validation.tables.run import Finished
 from via_validation.template import rendered
 
 PICTURE_BYTES = 150_000  # largest picture on a page of the repository
+LARGEST_COUNT = 1e12  # whole numbers beyond it are measurements
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,10 @@ class Report:
 
 
 def number(value: float | None) -> str:
-    """The value with four digits; a dash for a missing or infinite one."""
-    return "-" if value is None or not isfinite(value) else f"{value:.4g}"
+    """The value with four digits, a whole number with all of them; a dash for a missing or infinite one."""
+    if value is None or not isfinite(value):
+        return "-"
+    return f"{value:.0f}" if value == round(value) and abs(value) < LARGEST_COUNT else f"{value:.4g}"
 
 
 def verdict(row: Row) -> str:
