@@ -145,7 +145,7 @@ class Search:
             jacobian = self.few.nuisance_jacobian(here.effects, here.offsets, here.residual)
             slopes = member_slopes(self.few, here, self.scales)
             known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
-            near = [place for _, place, _ in ranked(here, jacobian, known, slopes)[: RACED * most]]
+            near = [place for _, place, _ in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
             hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)
         members = [[*members_of(fit), (place, values)] for _, place, values in hopeful]
         return self._raced(here, members, jacobian, most, rival)
