@@ -162,6 +162,8 @@ class Diagnosing:
 SEND = ("action", "send", "-f", "/monitor/diagnose", "via_interfaces/action/DiagnoseGap", "{seconds: 5}")
 
 
+# An answer of the action server is lost now and then, and `via action send` waits for ever: not understood yet.
+@pytest.mark.flaky(reruns=5)
 @pytest.mark.parametrize(
     ("ending", "code", "said"), [("succeed", 0, ""), ("abort", 2, "error: the goal was aborted\n")]
 )
