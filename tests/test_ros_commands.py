@@ -10,7 +10,9 @@ import threading
 from dataclasses import dataclass
 
 import pytest
+import rclpy
 import yaml
+from rcl_interfaces.srv import ListParameters
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -162,8 +164,16 @@ class Diagnosing:
 SEND = ("action", "send", "-f", "/monitor/diagnose", "via_interfaces/action/DiagnoseGap", "{seconds: 5}")
 
 
-# An answer of the action server is lost now and then, and `via action send` waits for ever: not understood yet.
-@pytest.mark.flaky(reruns=5)
+def test_a_service_is_called_once_its_node_has_answered_another_client(graph):
+    """A node that has not found the client yet would lose the request."""
+    order = []
+    node = graph._added(rclpy.create_node("late", context=graph.context, start_parameter_services=False))
+    node.create_service(ListParameters, "/late/list_parameters", lambda _, answer: order.append("asked") or answer)
+    node.create_service(Push, "/late/push", lambda _, answer: order.append("called") or answer)
+    assert via(graph, "service", "call", "/late/push", "via_interfaces/srv/Push").code == 0
+    assert order[0] == "asked" and order[-1] == "called" and order.count("called") == 1
+
+
 @pytest.mark.parametrize(
     ("ending", "code", "said"), [("succeed", 0, ""), ("abort", 2, "error: the goal was aborted\n")]
 )

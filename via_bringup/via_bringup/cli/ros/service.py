@@ -54,7 +54,7 @@ def send(
         client = ActionClient(now.node, kind, absolute(action))
         now.until(client.server_is_ready, f"action {absolute(action)}")
         hear = (lambda each: print(shown(each.feedback), "---", sep="", flush=True)) if feedback else None
-        now.discover()  # the server must have found this client, or its answers are lost
+        now.introduced(f"{absolute(action)}/_action/send_goal")
         sent = client.send_goal_async(goal, feedback_callback=hear)
         try:
             handle = now.result(sent)

@@ -12,7 +12,9 @@ from threading import Event
 from typing import Any
 
 import rclpy
+from rcl_interfaces.srv import ListParameters
 from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.task import Future
 from via_core.errors import ParameterError, ViaError
 from via_ros import middleware
@@ -22,6 +24,7 @@ from via_bringup.cli.console import errors
 
 QUIET = 1.2  # [s] without a change after which discovery counts as complete
 LONGEST = 5.0  # [s] of discovery
+REPEATED = 0.3  # [s] after which a request that may have been lost is repeated
 PATIENCE = 4.0  # [s] after which a line names what is awaited
 
 
@@ -105,8 +108,39 @@ class Session:
         """Response of a service, which is awaited."""
         client = self.node.create_client(kind, name)
         self.until(client.service_is_ready, f"service {name}", self._services)
-        self.discover()  # the server must have found this client, or its answer is lost
+        self.introduced(name)
         return self.result(client.call_async(request))
+
+    def introduced(self, service: str) -> None:
+        """Wait until the node that offers `service` has found the clients that this node made before.
+
+        Until then it loses their requests, and discovery in that direction can take seconds longer than in this one.
+        Clients are announced in the order in which they were made. So once the node has answered another one, made
+        here, it knows all. A node that does not list its parameters is given LONGEST instead.
+        """
+        found: list[str] = []
+
+        def beside() -> bool:
+            found[:] = self._beside(service)
+            return bool(found)
+
+        if not self.discover(beside):
+            return
+        client = self.node.create_client(ListParameters, found[0])
+        while not self.wait(client.call_async(ListParameters.Request()).done, REPEATED):
+            pass
+
+    def _beside(self, service: str) -> list[str]:
+        """The services `list_parameters` of the nodes that offer `service`."""
+        asked = []
+        for name, space in self.node.get_node_names_and_namespaces():
+            try:
+                offered = dict(self.node.get_service_names_and_types_by_node(name, space))
+            except rclpy_implementation.RCLError:  # the node has ended meanwhile
+                continue
+            own = f"{space.rstrip('/')}/{name}/list_parameters"
+            asked += [own] if {service, own} <= offered.keys() else []
+        return asked
 
     def _services(self) -> list[str]:
         own = ("describe_parameters", "get_parameter", "get_type_description", "list_parameters", "set_parameters")
