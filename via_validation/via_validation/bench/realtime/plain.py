@@ -27,7 +27,7 @@ from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import Simulator
 
-from via_validation.bench.realtime.loop import DEVICE, LISTENERS, METHODS, RATE, Part
+from via_validation.bench.realtime.loop import DEVICE, LISTENERS, METHODS, RATE, Part, simulated
 
 DEPTH = 10  # of every queue, as in the tutorials
 
@@ -178,17 +178,9 @@ def _nanoseconds(message: Any) -> int:
 def simulator(seconds: float) -> Part:
     """The simulator, which ends after `seconds`."""
     node = PlainSimulator(seconds)
-    trips = node.round_trips
 
     def counts() -> dict[str, float]:
-        return {
-            "samples": node.ticks,
-            "late": 1.0 - node.ticks / max(node.due, 1),
-            "answered": trips.count,
-            "p50": trips.percentile(50.0),
-            "p99": trips.percentile(99.0),
-            "largest": trips.largest,
-        }
+        return simulated(node.ticks, 1.0 - node.ticks / max(node.due, 1), node.round_trips)
 
     return Part(node, counts, node.finished, lambda: node.ticks > 0)
 

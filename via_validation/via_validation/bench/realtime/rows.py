@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 
 from via_validation.bench.node import Show, node_rows
 from via_validation.bench.realtime.loop import DEVICE, RATE
@@ -26,8 +27,12 @@ def measured(seconds: float, show: Show) -> tuple[Loops, list[Row]]:
     for way, processes in RUNS:
         title = f"{WAYS[way]}, {PROCESSES[processes]}"
         show(f"{title}: starting", float("nan"))
-        loops[way, processes] = run(way, processes, seconds, lambda step, share: show(f"{title}: {step}", share))  # noqa: B023
+        loops[way, processes] = run(way, processes, seconds, partial(_within, show, title))
     return loops, node_rows(seconds, JOINTS, DEVICE, False, show)
+
+
+def _within(show: Show, title: str, step: str, share: float) -> None:
+    show(f"{title}: {step}", share)
 
 
 def rows(loops: Loops) -> Iterator[Row]:

@@ -10,7 +10,7 @@ from via_controllers.nodes.single import NODES
 from via_estimators.nodes.estimator import BANK, EstimatorNode
 from via_sim.nodes.simulator import SimulatorNode
 
-from via_validation.bench.realtime.loop import DEVICE, LISTENERS, METHODS, RATE, Part
+from via_validation.bench.realtime.loop import DEVICE, LISTENERS, METHODS, RATE, Part, simulated
 
 
 def _given(**values: Any) -> dict[str, Any]:
@@ -20,17 +20,9 @@ def _given(**values: Any) -> dict[str, Any]:
 def simulator(seconds: float) -> Part:
     """The simulator, which ends after `seconds` of its samples."""
     node = SimulatorNode(**_given(device=DEVICE, rate=RATE, duration=seconds, listeners=LISTENERS))
-    trips = node.round_trips
 
     def counts() -> dict[str, float]:
-        return {
-            "samples": node.ticks + 1,
-            "late": node.late_ticks / max(node.ticks, 1),
-            "answered": trips.count,
-            "p50": trips.percentile(50.0),
-            "p99": trips.percentile(99.0),
-            "largest": trips.largest,
-        }
+        return simulated(node.ticks + 1, node.late_ticks / max(node.ticks, 1), node.round_trips)
 
     return Part(node, counts, node.finished, lambda: node.ticks > 0)
 
