@@ -44,6 +44,8 @@ class Quality:
     cannot_tell: str = ""  # why the log cannot be diagnosed and what to record instead; empty: it can
     # (begin, end) [s] of the commands before and after each short gap: unknown commands, part of the noise
     command_gaps: tuple[Interval, ...] = ()
+    # (begin, end) [s] of the samples before and after each gap that interpolation cannot bridge
+    sample_gaps: tuple[Interval, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -55,6 +57,7 @@ class _Found(NamedTuple):
     finding: Finding
     cut: tuple[Interval, ...] = ()
     command_gaps: tuple[Interval, ...] = ()
+    sample_gaps: tuple[Interval, ...] = ()
 
 
 def assessed(log: JointLog) -> Quality:
@@ -80,8 +83,9 @@ def assess(log: JointLog, noise: LogNoise) -> Quality:
     refused = [f.text for f in findings if f.severity == "refuse"]
     if not refused and sum(end - begin for begin, end in usable) < SEGMENT:
         refused = ["no usable interval of the log is long enough: record it again on a machine with less load"]
-    gaps = tuple(gap for each in found for gap in each.command_gaps)
-    return Quality(tuple(findings), tuple(usable), noise, " ".join(f"{text}." for text in refused), gaps)
+    commands = tuple(gap for each in found for gap in each.command_gaps)
+    samples = tuple(gap for each in found for gap in each.sample_gaps)
+    return Quality(tuple(findings), tuple(usable), noise, " ".join(f"{text}." for text in refused), commands, samples)
 
 
 def _without(whole: Interval, cuts: Sequence[Interval]) -> list[Interval]:
@@ -123,17 +127,16 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     bend = float(np.quantile(np.abs(accelerations), 0.95)) - STANDARD_ERRORS * sd  # without noise
     longest = max(MISSED * period, sqrt(8.0 * noise.channels["q"].sd / bend) if bend > 0.0 else np.inf)
     gone = np.flatnonzero(steps > longest)
-    regular = float(np.mean(np.abs(steps - period) < MUCH * period)) > 1.0 - TOLERANCE
-    cut = () if regular else tuple((float(time[i]), float(time[i + 1])) for i in gone)
+    gaps = tuple((float(time[i]), float(time[i + 1])) for i in gone)
     lost = float(steps[gone].sum() / log.duration) if gone.size else 0.0
     share = float(np.mean(late))
     text = (
         f"{100 * share:.2g} % of the samples came late, the longest after {1e3 * steps.max():.3g} ms instead of "
-        f"{1e3 * period:.3g} ms; {100 * lost:.2g} % of the time is left out because gaps above {1e3 * longest:.3g} ms "
+        f"{1e3 * period:.3g} ms; {100 * lost:.2g} % of the time has no weight because gaps above {1e3 * longest:.3g} ms "
         "hide motion: record on a machine with less load, or stamp samples in the driver"
     )
     severe = lost > MUCH or share > MUCH
-    yield _Found(log.finding("late", "time", "downgrade" if severe else "note", share, text), cut)
+    yield _Found(log.finding("late", "time", "downgrade" if severe else "note", share, text), (), (), gaps)
 
 
 def _commands(log: JointLog) -> Iterator[_Found]:

@@ -20,6 +20,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array
@@ -41,6 +42,7 @@ TAKING = np.r_[  # slots of effects that can reduce the torque of a drive
     P.torque_gain : P.torque_gain + 3, P.saturation : P.saturation + 3, P.load_friction : P.load_velocity, P.lag
 ]
 SMALLEST = 1e-9  # [N m] of a floor
+LEAST_WHOLE = 0.5  # share of the windows without a gap in their samples
 LEAST_GAIN = 0.05  # of a drive: smaller ones count as this
 
 
@@ -54,6 +56,7 @@ class Windows:
     stride   ticks from one window to the next
     floor    (a,) [N m] standard deviation by sensor noise
     drive    (T, a) [N m] torque that drives each axis: of its motor, or of the springs for a link behind springs
+    whole    (T - n + 1,) whether the window that begins at a tick contains no gap in the samples
     """
 
     record: Record
@@ -63,6 +66,7 @@ class Windows:
     stride: int
     floor: Array
     drive: Array
+    whole: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +94,12 @@ class InverseDynamics:
     def place(self) -> Indices:
         """(C, w) index of `first` in `inside`."""
         return np.searchsorted(self.inside, self.first)
+
+    @cached_property
+    def weight(self) -> Array:
+        """(C, w) of each window in comparisons: 0 with a gap in its samples, so that mean squares are of the others."""
+        whole = self.windows.whole[self.first]
+        return whole / np.sqrt(whole.mean())
 
     @property
     def middle(self) -> Indices:
@@ -127,7 +137,7 @@ class InverseDynamics:
         """(C, w a) the drive's torque minus its mean, in units of the floor: the residual without a model."""
         drive = self.windows.drive[self.inside]
         parts = [self.over(drive[:, i], 0) for i in range(drive.shape[1])]
-        scaled = [(part - part.mean()) / floor for part, floor in zip(parts, self.windows.floor, strict=True)]
+        scaled = [self.weight * (part - part.mean()) / floor for part, floor in zip(parts, self.windows.floor, strict=True)]
         return np.concatenate(scaled, axis=1)
 
     def over(self, values: Array, derivative: int) -> Array:
@@ -140,7 +150,7 @@ class InverseDynamics:
         terms = equation_torques(row, self.windows.record, self.inside)
         parts = []
         for axis, floor in zip(self.windows.axes, self.windows.floor, strict=True):
-            parts.append(self._missing_at(terms, axis) / (floor * self._passed(row, terms, axis)))
+            parts.append(self.weight * self._missing_at(terms, axis) / (floor * self._passed(row, terms, axis)))
         return np.concatenate(parts, axis=1)
 
     def _passed(self, row: Array, terms: EquationTorques, axis: int) -> float:
@@ -218,7 +228,10 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
         floor = _floor(nominal, segments, slopes, axes, np.sqrt(np.sum(weights**2, axis=1)))
         if span or np.all(floor <= QUIET * drive.std(axis=0)) or 2 * ticks > segments.ticks:
             break
-    return Windows(record, undriven, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, drive)
+    whole = ~sliding_window_view(segments.hidden, ticks).any(axis=1)
+    if whole.mean() < LEAST_WHOLE:
+        raise SignalError(f"{log.name}: too many samples are missing for an equation of the joint")
+    return Windows(record, undriven, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, drive, whole)
 
 
 def equations(segments: Segments, device: Device) -> tuple[int, ...]:

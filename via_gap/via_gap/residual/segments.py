@@ -26,7 +26,8 @@ from via_gap.logs.log import JointLog
 from via_gap.logs.noise import LogNoise, error_correlation, log_noise
 from via_gap.logs.quality import Quality
 from via_gap.logs.replay import FIRST_SAMPLES
-from via_gap.logs.rounding import interpolated, mean_variance, slope_order, variances
+from via_gap.logs.rounding import interpolated, mean_variance, variances
+from via_gap.residual.smoothing import smoothed, window_of
 
 Indices = NDArray[np.intp]
 SPAN = 0.25  # [s] of a segment of a torque-driven joint, which drifts
@@ -44,6 +45,8 @@ ROUNDED = 1e-6  # of a tick
 SMALLEST = 1e-6  # [rad] of a noise
 EDGE = 1e-3  # [s] by which a segment may extend beyond a usable interval
 LOST = 1.5  # periods between two samples from which one between them was lost
+HIDDEN = 3.0  # the same, from which interpolated angles are no measurement
+ENOUGH = 0.5  # of the values of a segment that were measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,7 @@ class Segments:
     commands      (T, N_COMMANDS) constant over each tick
     begin         (S,) first tick of each segment
     angles        (T, a) [rad] as measured, gaps interpolated
+    hidden        (T,) whether in a gap of the samples of more than HIDDEN periods, where `angles` hide motion
     start         (T, 6) smoothed angles and velocities [rad, rad/s] on every tick; NaN: not measured
     measured      (S, b, a) [rad] averaged over bins
     weight        (S, b, a) in comparisons: 0 where samples were lost; above 1 elsewhere in the segment, so that mean
@@ -77,6 +81,7 @@ class Segments:
     commands: Array
     begin: Indices
     angles: Array
+    hidden: NDArray[np.bool_]
     start: Array
     measured: Array
     weight: Array
@@ -100,7 +105,7 @@ class Segments:
     def smoothed_noise(self, rng: np.random.Generator) -> Array:
         """(T, 6) a draw of the error of `start` by sensor noise; 0 for axes without an encoder."""
         every = max(1, round(self.rate * float(np.median(np.diff(self.log.measured.time)))))
-        window = _window(max(2, round(max(SMOOTHING, 4.0 * every / self.rate) * self.rate)), len(self.start))
+        window = window_of(max(2, round(max(SMOOTHING, 4.0 * every / self.rate) * self.rate)), len(self.start))
         drawn = np.zeros_like(self.start)
         for axis, sd in zip(self.axes, self.sample_noise, strict=True):
             samples = sd * rng.standard_normal(len(self.start) // every + 2)
@@ -138,7 +143,9 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     if ticks < 4 * every:
         raise SignalError(f"{log.name}: {log.duration:.3g} s are too short to compare anything")
     axes = (0, *(1 + i for i, seen in enumerate(log.motors_seen) if seen))
-    angles, missing, bridged, mixed = _angles(log, grid, axes)
+    angles, hidden, lost, mixed = _angles(log, grid, axes)
+    if not uniform:  # without a period, only gaps that hide motion are lost samples
+        lost = np.repeat(_between(grid, quality.sample_gaps if quality else ())[:, None], len(axes), axis=1)
     begin = np.arange(0, len(grid) - ticks, ticks, dtype=np.intp)
     reach = max(SMOOTHING, 4.0 * period)
     quanta = np.array([quantum(log, axis) for axis in axes])
@@ -148,9 +155,12 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     sd = np.array([channel.sd for channel in channels])
     first = angles[: max(2, round(reach * rate)) + 1]
     still = np.ptp(first, axis=0) < START_SPEED * reach + 4.0 * sd  # (a,) the log begins with this axis at rest
-    states = _smoothed(angles, axes, rate, reach, quanta, max(1, round(rate * period)))
+    half = max(2, round(reach * rate))
+    states, start_sd = smoothed(angles, ~lost, axes, half, quanta, max(1, round(rate * period)))
+    states[:, 3:] *= rate
     at_rest = [axes[i] for i in np.flatnonzero(still)]  # a one-sided fit would be less accurate
     states[0, at_rest], states[0, [3 + axis for axis in at_rest]] = np.median(first[:, still], axis=0), 0.0
+    start_sd[0, still] = 0.0
     share = np.full(len(axes), 1.0 / every if averaged else 1.0)  # variance of a bin over that of a sample
     for i in np.flatnonzero(sd > 0.0):
         path = states[:, axes[i]]
@@ -166,19 +176,19 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     sample_noise = np.sqrt(sd**2 + late + SMALLEST**2)
     start_noise = np.stack([START * sample_noise, START * sample_noise / reach + START_SPEED], axis=1)
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
-    valid = np.array([missing[b : b + ticks + 1].mean() < 0.02 for b in begin])
+    valid = np.all(start_sd[begin] <= START, axis=1)
     rests = bool(still.all())
     if len(begin) > 1 and not rests:
         valid[0] = False  # the log begins in motion: a one-sided fit of the velocity is too uncertain
     if quality is not None:
         valid &= _inside(origin + begin / rate, ticks / rate, quality.usable)
     measured = binned(cut, every, averaged)
-    lost = np.stack([bridged[b : b + ticks + 1].astype(np.float64) for b in begin])
-    read = (binned(lost, every, averaged) == 0.0) | (not uniform)  # without a period, no sample counts as lost
+    read = binned(np.stack([lost[b : b + ticks + 1].astype(np.float64) for b in begin]), every, averaged) == 0.0
+    valid &= read.mean(axis=(1, 2)) >= ENOUGH
     weight = read * np.sqrt(read[0].size / np.maximum(np.sum(read, axis=(1, 2), keepdims=True), 1))
     gaps, apart = _command_gaps(log, quality, origin, rate, len(grid))
     return Segments(
-        log, rate, origin, ticks, every, averaged, axes, _drive(log, grid), begin, angles, states, measured, weight,
+        log, rate, origin, ticks, every, averaged, axes, _drive(log, grid), begin, angles, hidden, states, measured, weight,
         _rest(log), rests, valid, gaps, apart, sample_noise, noise, start_noise,
     )  # fmt: skip
 
@@ -230,6 +240,13 @@ def binned(angles: Array, every: int, averaged: bool) -> Array:
     return cut.mean(axis=-2) if averaged else cut[..., -1, :]
 
 
+def _between(grid: Array, gaps: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+    """(T,) whether each tick of `grid` lies inside one of the gaps (begin, end) [s], which do not overlap."""
+    begin, end = np.array(gaps).reshape(-1, 2).T
+    before = np.searchsorted(begin, grid, side="left")  # gaps that begin earlier
+    return before > np.searchsorted(end, grid, side="right")
+
+
 def angle_of(log: JointLog, axis: int) -> Array:
     """(N,) [rad] as measured at an axis: 0 link, 1, 2 motors."""
     return log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]
@@ -272,16 +289,16 @@ def _aligned(log: JointLog, rate: float) -> float:
     return first if phase > 1.0 - ROUNDED else first + phase / rate  # 1 by rounding errors is 0
 
 
-def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Array, Array, Array]:
-    """Angles (T, a) [rad] on the grid; whether in a long gap (T,); whether a sample is lost (T, a).
+def _angles(
+    log: JointLog, grid: Array, axes: Sequence[int]
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_], Array]:
+    """Angles (T, a) [rad] on the grid; whether hidden (T,), and whether a sample is lost (T, a).
 
     Last the interpolation weights (T, a, 4) of the samples in these angles.
     """
     values = np.empty((len(grid), len(axes)))
-    missing = np.zeros(len(grid), dtype=bool)
-    bridged = np.zeros(values.shape, dtype=bool)
+    hidden, lost = np.zeros(len(grid), dtype=bool), np.zeros(values.shape, dtype=bool)
     weights = np.empty((*values.shape, 4))
-    longest = 3.0 * float(np.median(np.diff(log.measured.time)))
     for i, axis in enumerate(axes):
         column = angle_of(log, axis)
         there = np.isfinite(column)
@@ -290,33 +307,10 @@ def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Arr
         values[:, i], weights[:, i] = interpolated(time, column[there], grid, LOST * period)
         after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
         span = time[after] - time[after - 1]
-        missing |= span > longest
         beside = np.minimum(np.abs(time[after] - grid), np.abs(grid - time[after - 1]))
-        bridged[:, i] = (span > LOST * period) & (beside > 0.25 * min(period, grid[1] - grid[0]))
-    return values, missing, bridged, weights
-
-
-def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float, quanta: Array, per_sample: int) -> Array:
-    """(T, 6) angle of a quadratic and velocity of a quadratic or a cubic, fitted over `reach` [s] to either side.
-
-    The slope of a quadratic has a bias of reach^2 / 10 times the third derivative. In quick motion with a fine encoder,
-    this is more than the noise of the cubic's slope; with a coarse encoder, the noise is larger.
-    """
-    half = max(2, round(reach * rate))
-    window = _window(half, len(angles))
-    read = angles[::per_sample]
-    among = _window(max(2, round(reach * rate / per_sample)), len(read))
-    states = np.full((len(angles), 6), np.nan)
-    for i, axis in enumerate(axes):
-        states[:, axis] = savgol_filter(angles[:, i], window, 2)
-        order = slope_order(read[:, i], states[::per_sample, axis], quanta[i], among) if quanta[i] > 0.0 else 3
-        states[:, 3 + axis] = savgol_filter(angles[:, i], window, order, deriv=1, delta=1.0 / rate)
-    return states
-
-
-def _window(half: int, count: int) -> int:
-    """Odd number of ticks of a window with `half` ticks to either side, at most `count`."""
-    return min(2 * half + 1, (count - 1) // 2 * 2 + 1)
+        hidden |= span > HIDDEN * period
+        lost[:, i] = (span > LOST * period) & (beside > 0.25 * min(period, grid[1] - grid[0]))
+    return values, hidden, lost, weights
 
 
 def _drive(log: JointLog, grid: Array) -> Array:

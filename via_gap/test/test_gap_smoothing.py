@@ -1,0 +1,59 @@
+"""Local polynomials where samples were lost, beside the slow version."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_logs import log_of, rigid
+from via_core.signals import Signals
+
+from via_gap.logs.quality import assessed
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import SPANS, cut_log
+from via_gap.residual.smoothing import local_fit, smoothed
+
+HALF = 12
+
+
+@pytest.mark.parametrize("order, derivative", [(2, 0), (2, 1), (3, 1)])
+def test_a_fit_is_that_of_the_known_values_alone(order, derivative):
+    rng = np.random.default_rng(3)
+    values, known = rng.normal(size=200), rng.random(200) > 0.4
+    known[80:120] = False
+    fit, sd = local_fit(values, known, HALF, order, derivative)
+    at = np.arange(200.0)
+    for tick in range(200):
+        near = np.flatnonzero(known & (np.abs(at - tick) <= HALF))
+        powers = ((at[near] - tick) / HALF)[:, None] ** np.arange(order + 1)
+        if len(near) <= order:
+            assert np.isinf(sd[tick])
+            continue
+        inverse = np.linalg.pinv(powers)
+        assert fit[tick] == pytest.approx(inverse[derivative] @ values[near], rel=1e-6, abs=1e-8)
+        assert sd[tick] == pytest.approx(np.linalg.norm(inverse[derivative]), rel=1e-6)
+
+
+def test_with_every_sample_it_is_the_filter_of_savitzky_and_golay():
+    time = np.arange(300) / 1000.0
+    angles = np.sin(20.0 * time)[:, None]
+    known = np.ones(angles.shape, dtype=bool)
+    states, sd = smoothed(angles, known, (0,), HALF, np.zeros(1), 1)
+    known[-1] = False
+    same, _ = smoothed(angles, known, (0,), HALF, np.zeros(1), 1)
+    inside = slice(HALF, -HALF - 1)
+    assert np.allclose(states[inside][:, [0, 3]], same[inside][:, [0, 3]], rtol=1e-9, atol=1e-12) and not sd.any()
+
+
+def test_late_samples_leave_the_long_segments_of_a_position_drive():
+    """A quarter of the samples late by up to five periods: no stretch of .75 s is free of them."""
+    log = log_of(rigid(), (), seed=8, duration=12.0, tolerance=0.0)
+    rng = np.random.default_rng(2)
+    keep = np.ones(len(log.measured), dtype=bool)
+    for first in np.flatnonzero(rng.random(len(keep)) < 0.03):
+        keep[first : first + rng.integers(1, 9)] = False
+    channels = {name: values[keep] for name, values in log.measured.channels.items()}
+    late = replace(log, measured=Signals(log.measured.time[keep], channels, log.measured.units))
+    segments = cut_log(late, SPANS["position"], assessed(late))
+    assert segments.valid.mean() > 0.8 and 0.1 < np.mean(segments.weight == 0.0) < 0.5
+    problem = ResidualModel.of([cut_log(late, quality=assessed(late))], [np.arange(1, 40)])
+    assert np.median(problem.per_segment(problem.residual([problem.row(())])[0])) < 1.5
