@@ -146,8 +146,8 @@ class Rollout:
         """
         chains = self._chains()
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
-        order = np.argsort(-chains[:, 1], kind="stable")
-        runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
+        runs = np.stack(np.meshgrid(np.arange(len(rows)), np.arange(len(chains)), indexing="ij"), axis=-1).reshape(-1, 2)
+        runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
         size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # the same number on every thread
         memory = states = None
         if self._all_seen:
