@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from gap_logs import log_of, rigid
 from gap_models import BACKLASH, COULOMB, evaluated
 from via_core.signals import Array
-from via_gap.selection import reliability
+from via_gap.diagnosis import diagnose
+from via_gap.selection import reliability, verdict
 from via_gap.selection.confidence_set import confidence_set
 from via_gap.selection.evidence import (
     block_means,
@@ -18,6 +20,7 @@ from via_gap.selection.evidence import (
     vetoed,
 )
 from via_gap.selection.numbers import NUMBERS
+from via_sim.effects import Effect
 
 BLOCKS = 40
 ALPHA = 0.05
@@ -183,3 +186,25 @@ def test_no_set_is_stated_for_signals_that_were_not_calibrated(monkeypatch):
     assert reliability.in_conformal_set([0.9, 0.31], "link_only") == (False, False)
     monkeypatch.setattr(reliability, "shipped", lambda: counted(18))
     assert reliability.in_conformal_set([0.9, 0.31], "full") == (False, False)
+
+
+def test_intervals_are_as_wide_as_the_distances_of_known_parameters():
+    """Of 39 distances the second largest is the 95 % quantile; intervals that were too wide do not get narrower."""
+
+    def wider(distances: list[float], before: float) -> float:
+        case = reliability.Calibrated("effect", "full", True, True, 1.0, tuple(distances))
+        return reliability.calibrated([case], "a test", "1", before).wider
+
+    distances = [*np.linspace(0.0, 1.5, 37), 2.0, 7.0]
+    assert wider(distances, 1.0) == 2.0 and wider(distances, 1.5) == 3.0
+    assert wider([each / 10.0 for each in distances], 1.0) == 1.0
+    assert wider(distances[:18], 1.5) == 1.5  # too few: unchanged
+
+
+def test_the_chosen_model_has_the_calibrated_width(monkeypatch):
+    log = log_of(rigid(), (Effect("coulomb_friction", "link", {"torque": 0.2}),), seed=4, duration=8.0)
+    narrow = diagnose([log], rigid()).causes[0].parameters["torque"]
+    twice = reliability.shipped().model_copy(update={"wider": 2.0 * reliability.shipped().wider})
+    monkeypatch.setattr(verdict, "shipped", lambda: twice)
+    wide = diagnose([log], rigid()).causes[0].parameters["torque"]
+    assert wide.value == narrow.value and wide.sd == pytest.approx(2.0 * narrow.sd)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from gap_logs import log_of, rigid
 from via_core.signals import Signals
-
 from via_gap.logs.quality import assessed
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import SPANS, cut_log
@@ -15,7 +14,7 @@ from via_gap.residual.smoothing import local_fit, smoothed
 HALF = 12
 
 
-@pytest.mark.parametrize("order, derivative", [(2, 0), (2, 1), (3, 1)])
+@pytest.mark.parametrize(("order", "derivative"), [(2, 0), (2, 1), (3, 1)])
 def test_a_fit_is_that_of_the_known_values_alone(order, derivative):
     rng = np.random.default_rng(3)
     values, known = rng.normal(size=200), rng.random(200) > 0.4

@@ -132,8 +132,8 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     share = float(np.mean(late))
     text = (
         f"{100 * share:.2g} % of the samples came late, the longest after {1e3 * steps.max():.3g} ms instead of "
-        f"{1e3 * period:.3g} ms; {100 * lost:.2g} % of the time has no weight because gaps above {1e3 * longest:.3g} ms "
-        "hide motion: record on a machine with less load, or stamp samples in the driver"
+        f"{1e3 * period:.3g} ms; {100 * lost:.2g} % of the time has no weight because gaps above "
+        f"{1e3 * longest:.3g} ms hide motion: record on a machine with less load, or stamp samples in the driver"
     )
     severe = lost > MUCH or share > MUCH
     yield _Found(log.finding("late", "time", "downgrade" if severe else "note", share, text), (), (), gaps)

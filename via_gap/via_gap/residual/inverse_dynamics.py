@@ -137,7 +137,9 @@ class InverseDynamics:
         """(C, w a) the drive's torque minus its mean, in units of the floor: the residual without a model."""
         drive = self.windows.drive[self.inside]
         parts = [self.over(drive[:, i], 0) for i in range(drive.shape[1])]
-        scaled = [self.weight * (part - part.mean()) / floor for part, floor in zip(parts, self.windows.floor, strict=True)]
+        scaled = [
+            self.weight * (part - part.mean()) / floor for part, floor in zip(parts, self.windows.floor, strict=True)
+        ]
         return np.concatenate(scaled, axis=1)
 
     def over(self, values: Array, derivative: int) -> Array:
@@ -228,7 +230,7 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
         floor = _floor(nominal, segments, slopes, axes, np.sqrt(np.sum(weights**2, axis=1)))
         if span or np.all(floor <= QUIET * drive.std(axis=0)) or 2 * ticks > segments.ticks:
             break
-    whole = ~sliding_window_view(segments.hidden, ticks).any(axis=1)
+    whole = np.asarray(~sliding_window_view(segments.hidden, ticks).any(axis=1))
     if whole.mean() < LEAST_WHOLE:
         raise SignalError(f"{log.name}: too many samples are missing for an equation of the joint")
     return Windows(record, undriven, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, drive, whole)

@@ -146,7 +146,9 @@ class Rollout:
         """
         chains = self._chains()
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
-        runs = np.stack(np.meshgrid(np.arange(len(rows)), np.arange(len(chains)), indexing="ij"), axis=-1).reshape(-1, 2)
+        runs = np.stack(np.meshgrid(np.arange(len(rows)), np.arange(len(chains)), indexing="ij"), axis=-1).reshape(
+            -1, 2
+        )
         runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
         size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # the same number on every thread
         memory = states = None

@@ -188,8 +188,8 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     weight = read * np.sqrt(read[0].size / np.maximum(np.sum(read, axis=(1, 2), keepdims=True), 1))
     gaps, apart = _command_gaps(log, quality, origin, rate, len(grid))
     return Segments(
-        log, rate, origin, ticks, every, averaged, axes, _drive(log, grid), begin, angles, hidden, states, measured, weight,
-        _rest(log), rests, valid, gaps, apart, sample_noise, noise, start_noise,
+        log, rate, origin, ticks, every, averaged, axes, _drive(log, grid), begin, angles, hidden, states, measured,
+        weight, _rest(log), rests, valid, gaps, apart, sample_noise, noise, start_noise,
     )  # fmt: skip
 
 

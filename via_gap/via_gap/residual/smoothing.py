@@ -45,9 +45,7 @@ def smoothed(
     return states, sd
 
 
-def local_fit(
-    values: Array, known: NDArray[np.bool_], half: int, order: int, derivative: int
-) -> tuple[Array, Array]:
+def local_fit(values: Array, known: NDArray[np.bool_], half: int, order: int, derivative: int) -> tuple[Array, Array]:
     """Derivative 0 or 1 (T,) by t / half of the polynomial fitted to the known values within `half` to either side.
 
     The second result (T,) is its standard deviation over that of a value; infinite where too few are known, where the

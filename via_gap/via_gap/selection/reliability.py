@@ -1,4 +1,4 @@
-"""Reliability of each verdict, and sizes of conformal sets, both from answers whose true cause is known.
+"""Reliability of each verdict, sizes of conformal sets, and widths of intervals, from answers with a known cause.
 
     probability of a cause = reliability of the verdict * share of the cause among the models compared
 
@@ -8,6 +8,10 @@ a verdict that was never wrong does not count as certain.
 Conformal sets: the score of a cause is 1 - share. With the scores of the true causes of n calibration cases of one
 signal set, the set { cause : score <= q }, q their ceil((n + 1) (1 - alpha))-th smallest, contains the true cause of a
 further such case with probability >= 1 - alpha, for any quality of the shares.
+Widths of intervals likewise: the distance of a true parameter from the fitted one, over half its interval, exceeds the
+ceil((n + 1) (1 - alpha))-th smallest of n such distances with probability alpha. Standard deviations of the chosen
+model are multiplied by it, so that they contain what no model states: the difference between two simulators, effects
+beside the named ones, late samples.
 Source: V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World (2005), section 4.1 (split conformal).
 
 The numbers are those of `via gap blind calibrate` on development cases. They hold for similar cases only.
@@ -33,7 +37,8 @@ WITH_CAUSES = ("effect", "several_effects", "main_effect", "unknown", "cannot_te
 class Calibrated:
     """One answer, compared with the truth.
 
-    truth  share of the true cause in the report (of several the smallest); None: no cause can be found
+    truth      share of the true cause in the report (of several the smallest); None: no cause can be found
+    distances  of the true parameters of named effects from the reported ones, over half the 95 % interval
     """
 
     verdict: str
@@ -41,6 +46,7 @@ class Calibrated:
     has_causes: bool
     first_right: bool
     truth: float | None
+    distances: tuple[float, ...] = ()
 
 
 class Counts(BaseModel):
@@ -53,7 +59,11 @@ class Counts(BaseModel):
 
 
 class Reliability(BaseModel):
-    """Counts of each verdict, and of each signal set the least share of a cause in its conformal set."""
+    """Counts of each verdict, and of each signal set the least share of a cause in its conformal set.
+
+    wider       factor of the standard deviations of named parameters
+    parameters  number of parameters that it was computed from
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -62,10 +72,12 @@ class Reliability(BaseModel):
     verdicts: dict[str, Counts]
     least_share: dict[str, float]
     cases: dict[str, int]
+    wider: float
+    parameters: int
 
 
-def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str) -> Reliability:
-    """The numbers from answers whose true cause is known."""
+def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str, wider: float = 1.0) -> Reliability:
+    """The numbers from answers whose true cause is known; `wider`: the factor that their intervals contain."""
     verdicts = {}
     for verdict in WITH_CAUSES:
         answers = [each for each in answered if each.verdict == verdict and each.has_causes]
@@ -76,13 +88,24 @@ def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str) -> Relia
             shares.setdefault(each.level, []).append(each.truth)
     least = {level: _least(values) for level, values in shares.items()}
     cases = {level: len(values) for level, values in shares.items()}
-    return Reliability(origin=origin, seeds=seeds, verdicts=verdicts, least_share=least, cases=cases)
+    distances = [distance for each in answered for distance in each.distances]
+    wider *= _quantile(distances) or 1.0
+    return Reliability(
+        origin=origin, seeds=seeds, verdicts=verdicts, least_share=least, cases=cases, wider=max(wider, 1.0),
+        parameters=len(distances),
+    )  # fmt: skip
 
 
 def _least(shares: Sequence[float]) -> float:
     """The share 1 - q; 0 if there are too few cases for the confidence level."""
-    rank = ceil((len(shares) + 1) * (1.0 - NUMBERS.significance))
-    return 0.0 if rank > len(shares) else float(sorted(shares, reverse=True)[rank - 1])
+    score = _quantile([1.0 - share for share in shares])
+    return 0.0 if score is None else 1.0 - score
+
+
+def _quantile(scores: Sequence[float]) -> float | None:
+    """The ceil((n + 1) (1 - significance))-th smallest of n scores; None if there are too few."""
+    rank = ceil((len(scores) + 1) * (1.0 - NUMBERS.significance))
+    return None if rank > len(scores) else float(sorted(scores)[rank - 1])
 
 
 @cache

@@ -13,7 +13,7 @@ from rich.text import Text
 from via_bringup.cli.console import answers, errors, table
 from via_core.errors import ViaError
 from via_gap.report.report import read_report
-from via_gap.selection.reliability import Calibrated, calibrated
+from via_gap.selection.reliability import Calibrated, calibrated, shipped
 
 from via_validation.provenance import provenance
 
@@ -124,7 +124,7 @@ def calibrate(
     results: Annotated[Path, typer.Option(help="Folder of the reports.")],
     write: Annotated[Path, typer.Option(help="File for the counts, in via_gap: selection/reliability.yaml.")],
 ) -> None:
-    """Count right answers by verdict on development cases, and compute thresholds of the conformal sets."""
+    """Count right answers by verdict on development cases; thresholds of conformal sets, and widths of intervals."""
     from via_validation.sealed.evaluation import evaluate
     from via_validation.sealed.sealing import names_in, opened
 
@@ -138,13 +138,17 @@ def calibrate(
             raise ViaError(f"{name}: seed {key['seed']} is reserved for evaluation; calibrate with seeds below {SEED}")
         causes = [(each["effect"], each["site"], each["motor"]) for each in key["effects"]]
         shares = {(c.effect, c.site, c.motor): c.share for c in report.causes}
-        first_right = evaluate(name, key, json.loads(report.to_json()), None, None).first_right
+        evaluated = evaluate(name, key, json.loads(report.to_json()), None, None)
         truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
-        answered.append(Calibrated(report.verdict, report.level, bool(report.causes), first_right, truth))
+        distances = tuple(each.distance for each in evaluated.inside)
+        answered.append(
+            Calibrated(report.verdict, report.level, bool(report.causes), evaluated.first_right, truth, distances)
+        )
         seeds.append(int(key["seed"]))
     if not answered:
         raise ViaError(f"no report in {results}")
-    numbers = calibrated(answered, str(provenance("via gap blind calibrate")), f"{min(seeds)} to {max(seeds)}")
+    origin = str(provenance("via gap blind calibrate"))
+    numbers = calibrated(answered, origin, f"{min(seeds)} to {max(seeds)}", shipped().wider)
     write.write_text(yaml.safe_dump(numbers.model_dump(), sort_keys=False), encoding="utf-8")
     answers.print(f"{len(answered)} answers counted; numbers in {write}")
 

@@ -1,10 +1,10 @@
-"""Whether the 95 % intervals of a report's parameters contain the true values."""
+"""How far true values lie from a report's parameters, in half-widths of their 95 % intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot, pi
+from math import hypot, inf, pi
 from typing import Any
 
 from via_validation.sealed.rightness import Cause, locates
@@ -16,11 +16,16 @@ SAME_ORDER = 0.25  # [1/rev] terms closer than this are the same term
 
 @dataclass(frozen=True)
 class IntervalCheck:
-    """Whether the interval of one parameter contains the true value."""
+    """Distance of a true value from its reported one, over half the interval; infinite if it was not reported."""
 
     effect: str
     parameter: str
-    holds: bool
+    distance: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the interval contains the true value."""
+        return self.distance <= 1.0
 
 
 def intervals_hold(
@@ -47,7 +52,9 @@ def _compared(effect: str, true: Mapping[str, float], reported: Mapping[str, Any
     if effect in PERIODIC:
         return _periodic(effect, true, reported)
     return [
-        IntervalCheck(effect, name, _holds(reported[name], value)) for name, value in true.items() if name in reported
+        IntervalCheck(effect, name, _distance(reported[name], value))
+        for name, value in true.items()
+        if name in reported
     ]
 
 
@@ -59,7 +66,7 @@ def _periodic(effect: str, true: Mapping[str, float], reported: Mapping[str, Any
             each for each in _terms(reported) if abs(_value(reported.get(f"order{each}", 1.0)) - order) < SAME_ORDER
         ]
         if not match:
-            found.append(IntervalCheck(effect, "amplitude", False))
+            found.append(IntervalCheck(effect, "amplitude", inf))
             continue
         (same, *_) = match
         amplitude, phase = true[f"amplitude{term}"], true[f"phase{term}"]
@@ -67,8 +74,8 @@ def _periodic(effect: str, true: Mapping[str, float], reported: Mapping[str, Any
             amplitude, phase = -amplitude, phase + pi
         if f"phase{same}" in reported:
             turns = round((_value(reported[f"phase{same}"]) - phase) / (2.0 * pi))
-            found.append(IntervalCheck(effect, "phase", _holds(reported[f"phase{same}"], phase + 2.0 * pi * turns)))
-        found.append(IntervalCheck(effect, "amplitude", _holds(reported[f"amplitude{same}"], amplitude)))
+            found.append(IntervalCheck(effect, "phase", _distance(reported[f"phase{same}"], phase + 2.0 * pi * turns)))
+        found.append(IntervalCheck(effect, "amplitude", _distance(reported[f"amplitude{same}"], amplitude)))
     return found
 
 
@@ -82,9 +89,10 @@ def _value(reported: Any) -> float:
     return float(reported["value"] if isinstance(reported, Mapping) else reported)
 
 
-def _holds(reported: Any, value: float) -> bool:
-    """Whether the interval contains a value, with slack for the rounding of the report's numbers."""
+def _distance(reported: Any, value: float) -> float:
+    """Distance of a value from the reported one over half the interval, less the rounding of the report's numbers."""
     half = NORMAL * reported.get("sd", 0.0)
     low, high = reported.get("interval") or (reported["value"] - half, reported["value"] + half)
-    slack = 1e-9 * hypot(low, high)
-    return bool(low - slack <= value <= high + slack)
+    half = high - reported["value"] if value > reported["value"] else reported["value"] - low
+    apart = max(abs(value - reported["value"]) - 1e-9 * hypot(low, high), 0.0)
+    return float(apart / half) if half > 0.0 else (inf if apart > 0.0 else 0.0)
