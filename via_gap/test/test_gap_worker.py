@@ -60,6 +60,14 @@ def test_the_report_is_that_of_this_process_and_files_are_read_there(worker, tmp
     assert worker.pid == first
 
 
+def test_own_effects_are_loaded_in_the_process(worker, tmp_path):
+    own, mark = tmp_path / "own.py", tmp_path / "loaded"
+    own.write_text(f"open({str(mark)!r}, 'w').close()\n1 / 0\n")
+    log = log_of(flexible(), (LINK,), seed=31, duration=4.0)
+    worker.begin(Job(log.device, log, own_effects=(str(own),)))
+    assert "line 2: ZeroDivisionError" in until(worker, (Finished, Failed))[-1].reason and mark.exists()
+
+
 def test_a_job_ends_when_told_and_the_next_one_is_done(worker):
     log = log_of(flexible(), (LINK,), seed=31, duration=4.0)
     worker.begin(Job(log.device, log))

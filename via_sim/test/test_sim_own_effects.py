@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from via_core.errors import ParameterError
 from via_sim.catalogue import EFFECTS
-from via_sim.effects import Effect
-from via_sim.effects.own import load_own
+from via_sim.effects import Effect, own
+from via_sim.effects.own import load_all, load_own, loaded
 
 KIND = """from via_sim.catalogue import EFFECTS
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot
@@ -25,8 +25,9 @@ KIND = EffectKind(
 
 
 @pytest.fixture(autouse=True)
-def catalogue() -> Iterator[None]:
+def catalogue(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     before = dict(EFFECTS)
+    monkeypatch.setattr(own, "_LOADED", {})
     yield
     EFFECTS.clear()
     EFFECTS.update(before)
@@ -36,6 +37,8 @@ def test_a_file_adds_an_effect(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(KIND + "EFFECTS[KIND.name] = KIND\n")
     assert load_own(str(tmp_path / "own.py")) == ("seal",)
     assert Effect("seal", "link", {"torque": 0.2}).parameters == {"torque": 0.2}
+    assert str(tmp_path / "own.py") in loaded()
+    load_all(loaded())  # what is there is not loaded again, which would be refused
 
 
 def test_a_module_of_the_current_folder_adds_an_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,7 @@ from via_core.text_files import write_text
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.cli.outputs import check_files, check_folder
+from via_bringup.cli.own_effects import OwnEffects
 
 if TYPE_CHECKING:
     from via_gap.run.fleet import Row
@@ -35,6 +36,7 @@ def fleet(
         int | None, typer.Option(min=1, max=1024, help="Processes on this machine; default: one per core.")
     ] = None,
     markdown: Annotated[Path | None, typer.Option(help="Also write the table to this Markdown file.")] = None,
+    own_effects: OwnEffects = None,
 ) -> None:
     """Diagnose many logs and print one table; also written to fleet.csv and fleet.json in the results folder."""
     from via_gap.run.fleet import Workers, run_fleet  # importing dask takes a second

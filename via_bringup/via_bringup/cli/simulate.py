@@ -10,7 +10,6 @@ import numpy as np
 import typer
 from via_core.command_files import columns_of, read_motion, write_table
 from via_core.devices import Device, load_device
-from via_core.errors import ViaError
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
 from via_sim.plants import JointPlant
@@ -43,9 +42,8 @@ def run_simulator(
         simulate_file(described, added, commands, record, rate, seed)
         answers.print(f"wrote {record}")
         return
-    if own_effects:
-        raise ViaError("--own-effects needs --commands: the node has the effects of the catalogue alone")
-    arguments = ros_arguments(device=device, mode=mode, effects=str(effects or ""), rate=rate, seed=seed)
+    given = {"effects": str(effects or ""), "own_effects": ",".join(own_effects or ())}
+    arguments = ros_arguments(device=device, mode=mode, rate=rate, seed=seed, **given)
     execute_node("via_sim", "simulator", arguments)
 
 

@@ -31,6 +31,7 @@ from distributed.security import Security
 from via_core.devices import Device
 from via_core.errors import ViaError
 from via_sim.effects import place_name
+from via_sim.effects.own import loaded
 
 import via_gap
 from via_gap.report.report import GapReport, read_report
@@ -114,7 +115,8 @@ def run_fleet(
 def _diagnosed(client: Client, todo: dict[str, Path], device: Device, results: Path) -> Iterator[tuple[str, Row]]:
     text = device.model_dump_json()
     futures = {
-        client.submit(diagnose_file, str(path.resolve()), text, key=f"via-gap-{key}"): key for key, path in todo.items()
+        client.submit(diagnose_file, str(path.resolve()), text, loaded(), key=f"via-gap-{key}"): key
+        for key, path in todo.items()
     }
     try:
         for future in as_completed(list(futures), loop=client.loop):
@@ -170,10 +172,15 @@ def row_of(report: GapReport, log: str, key: str) -> Row:
 
 
 def key_of(log: Path, device: Device) -> str:
-    """Hash of a log's content, its device and the sources of the diagnosis. Raises OSError for an unreadable log."""
+    """Hash of a log's content, its device, own effects, and the sources of the diagnosis.
+
+    Raises OSError for an unreadable log.
+    """
     digest = sha256()
-    for part in (engine(), device.model_dump_json()):
+    for part in (engine(), device.model_dump_json(), *loaded()):
         digest.update(part.encode() + b"\0")
+    for file in filter(Path.is_file, map(Path, loaded())):
+        digest.update(file.read_bytes())
     # The name is part of the report, and its ending decides how the file is read.
     digest.update(log.name.encode(errors="surrogateescape") + b"\0")
     files = sorted(each for each in log.rglob("*") if each.is_file()) if log.is_dir() else [log]

@@ -36,12 +36,15 @@ class OwnKernels(WorkerPlugin):
         os.environ[CACHE] = str(own)
 
 
-def diagnose_file(path: str, device: str) -> tuple[Finished | Failed, float]:
-    """Diagnose the log at `path` against `device` (JSON): the outcome, and how long it took [s]."""
+def diagnose_file(path: str, device: str, own_effects: tuple[str, ...] = ()) -> tuple[Finished | Failed, float]:
+    """Diagnose the log at `path` against `device` (JSON): the outcome, and how long it took [s].
+
+    own_effects  modules and files that add effects to the catalogue
+    """
     from via_core.devices import Device
 
     from via_gap.run.worker import Job, diagnosed
 
     begin = time.perf_counter()
-    outcome = diagnosed(Job(Device.model_validate_json(device), Path(path)))
+    outcome = diagnosed(Job(Device.model_validate_json(device), Path(path), own_effects=own_effects))
     return outcome, time.perf_counter() - begin

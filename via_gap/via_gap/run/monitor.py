@@ -24,6 +24,7 @@ from via_core.errors import ParameterError, SignalError, ViaError
 from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.status import Status
+from via_sim.effects.own import load_all
 from via_sim.plants import JointPlant
 
 from via_gap.logs.log import JointLog
@@ -47,6 +48,7 @@ class MonitorParameters:
     recent: float = parameter(2.0, "time compared with the model at every tick", "s", (0.5, 60.0), live=True)
     window: float = parameter(20.0, "time that is diagnosed", "s", (2.0, 600.0))
     least: float = parameter(8.0, "time that suffices for a first diagnosis", "s", (1.0, 600.0), live=True)
+    own_effects: str = parameter("", "modules or files that add effects, separated by commas; their code is executed")
     every: float = parameter(20.0, "period of automatic diagnoses; 0: only on request", "s", (0.0, 86400.0), live=True)
 
 
@@ -64,6 +66,7 @@ class Monitor:
 
     def __init__(self, device: Device, parameters: MonitorParameters) -> None:
         self.change(parameters)
+        load_all(filter(None, parameters.own_effects.split(",")))
         warm_up(device)
         self.device = self.model = device
         self.columns = columns_of(device)

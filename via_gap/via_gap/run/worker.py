@@ -16,7 +16,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -25,6 +25,7 @@ from typing import Any
 
 from via_core.devices import Device
 from via_core.errors import ViaError
+from via_sim.effects.own import load_all, loaded
 
 from via_gap.design.proposal import with_proposal
 from via_gap.diagnosis import diagnose
@@ -42,6 +43,7 @@ class Job:
     device: Device
     source: JointLog | Path
     joint_topic: str = "/joint_states"
+    own_effects: tuple[str, ...] = field(default_factory=loaded)  # modules and files to load in the process
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,7 @@ def _work(connection: Connection) -> None:
 def diagnosed(job: Job, progress: OnProgress | None = None) -> Finished | Failed:
     """The report on a job, with a proposed motion; a faulty log is an outcome, not an error."""
     try:
+        load_all(job.own_effects)
         log = job.source if isinstance(job.source, JointLog) else read_log(job.source, job.device, job.joint_topic)
         return Finished(with_proposal(diagnose([log], job.device, progress=progress), job.device).to_json())
     except BrokenPipeError:

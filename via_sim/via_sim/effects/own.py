@@ -2,6 +2,7 @@
 
 load_own("seal_friction.py")     # docs/guides/effect.md writes one
 load_own("lab.joint_effects")    # an installed module, or one of the current folder
+load_all(loaded())               # in another process, given the names
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 
@@ -16,6 +18,20 @@ from via_core.errors import ParameterError
 
 from via_sim.catalogue import EFFECTS
 from via_sim.catalogue.kinds import EffectKind
+
+_LOADED: dict[str, tuple[str, ...]] = {}  # effects of each name
+
+
+def loaded() -> tuple[str, ...]:
+    """Names that `load_own` has loaded in this process, files by their whole paths."""
+    return tuple(_LOADED)
+
+
+def load_all(names: Iterable[str]) -> None:
+    """Load those of some names that this process has not loaded. Raises ParameterError as `load_own`."""
+    for name in names:
+        if name not in _LOADED:
+            load_own(name)
 
 
 def load_own(name: str) -> tuple[str, ...]:
@@ -41,16 +57,20 @@ def load_own(name: str) -> tuple[str, ...]:
         EFFECTS.clear()
         EFFECTS.update(before)
         raise
+    _LOADED[str(Path(name).resolve()) if _is_file(name) else name] = added
     return added
+
+
+def _is_file(name: str) -> bool:
+    return Path(name).suffix == ".py" or len(Path(name).parts) > 1
 
 
 def _imported(name: str) -> ModuleType:
     path = Path(name)
-    is_file = path.suffix == ".py" or len(path.parts) > 1
-    if is_file and not path.is_file():
+    if _is_file(name) and not path.is_file():
         raise ParameterError(f"{name}: no such file")
     try:
-        if not is_file:
+        if not _is_file(name):
             sys.path.insert(0, str(Path.cwd()))
             try:
                 return importlib.import_module(name)

@@ -26,6 +26,7 @@ from via_ros.conversions import Command, JointStateWriter, followed, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import run
 
+from via_sim.effects.own import load_all
 from via_sim.joint.layout import DAMPING, EXTERNAL, GOAL, M1, N_COMMANDS, POWER
 from via_sim.joint.measurements import MEASURED, TRUTH
 from via_sim.nodes.effect_services import EffectServices
@@ -42,6 +43,7 @@ class SimulatorParameters(TimeParameters):
     device: str = parameter("cubic_demo", "device name or path to its YAML")
     seed: int = parameter(0, "seed of the sensor noise", "", (0, MAX_SEED))
     effects: str = parameter("", "effects file; empty: the nominal model")
+    own_effects: str = parameter("", "modules or files that add effects, separated by commas; their code is executed")
     truth: bool = parameter(False, "whether to publish true stiffness and damping")
 
 
@@ -52,6 +54,7 @@ class SimulatorNode(SimulationNode[Array]):
         super().__init__("simulator", **options)
         self._chosen = own = declare(self, SimulatorParameters)
         self.device = load_device(own.device)
+        load_all(filter(None, own.own_effects.split(",")))
         self._effects = EffectServices(self, self._change)
         self._effects.load(own.effects)
         self._state = self._simulator.init(seed=own.seed)
