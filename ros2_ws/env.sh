@@ -34,9 +34,11 @@ else
 fi
 
 # Each state of the sources has its own cache of compiled kernels. numba checks only the file that defines a kernel, and
-# would run outdated code after a constant or function of another file has changed.
+# would run outdated code after a constant or function of another file has changed. Nodes, commands and exports define no
+# kernels, and kernels import none of them.
 _via_root=$(dirname "$_via_ws")
-_via_key=$(find "$_via_root"/via_*/via_* -name '*.py' | LC_ALL=C sort | xargs -d '\n' cat | cksum | cut -d' ' -f1)
+_via_key=$(find "$_via_root"/via_*/via_* \( -name via_bringup -o -name via_export -o -name via_ros -o -name nodes \) -prune \
+    -o -name '*.py' -print | LC_ALL=C sort | xargs -d '\n' cat | cksum | cut -d' ' -f1)
 case ${NUMBA_CACHE_DIR:-} in '' | "$_via_root"/.numba_cache/*) export NUMBA_CACHE_DIR=$_via_root/.numba_cache/$_via_key ;; esac
 
 # Nodes are found on this host only; `export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET` opens them to the network.
