@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +129,7 @@ ARMS = ("arm_simulator", "hopper_simulator", "modal_limit_cycle", "bang_bang", "
 LOADED = {"gap_monitor": MONITOR_LOADED, **dict.fromkeys(ARMS, ARM_LOADED)}
 
 
+@cache
 def compiled(script):
     """Run `script` so that the kernels it calls are in the cache before a node with a timeout needs them."""
     subprocess.run([sys.executable, "-c", script], check=True)
