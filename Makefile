@@ -8,8 +8,8 @@ ENV := source ros2_ws/env.sh;
 WORKERS ?= 2
 TESTS ?=
 SOAK ?= 1800
-# The plug-ins of launch are of no use here and would be loaded by every worker.
-PYTEST = python -m pytest -n $(WORKERS) --dist loadscope -p no:launch_testing -p no:launch_pytest \
+# The plug-ins of launch are of no use here and would be loaded by every worker. conftest.py orders the modules.
+PYTEST = python -m pytest -n $(WORKERS) --dist loadscope --no-loadscope-reorder -p no:launch_testing -p no:launch_pytest \
 	-p no:launch_testing_ros_pytest_entrypoint
 
 help: ## show this list
@@ -24,7 +24,7 @@ workspace:
 demo: setup ## estimate and diagnose recordings of a real robot, run a simulated joint; write out/demo/index.html
 	@$(ENV) via demo
 
-test: workspace ## run the quick tests: all but those marked slow (TESTS="via_ros/test tests/test_sim_node.py" for some, WORKERS=2)
+test: workspace ## run the quick tests: all but those marked slow (TESTS="via_sim/test tests/test_sim_node.py" for some, WORKERS=2)
 	@$(ENV) $(PYTEST) -m "not slow" $(TESTS)
 
 test-all: workspace ## run every test, as continuous integration does (TESTS and WORKERS as above; half an hour on two cores)

@@ -33,10 +33,18 @@ else
     echo "env.sh: the workspace is not built yet; run: make setup" >&2
 fi
 
-# Each state of the sources has its own cache of compiled kernels. numba checks only the file that defines a kernel, and
-# would run outdated code after a constant or function of another file has changed.
+# Every process imports the packages from the same folders, those of the sources: numba caches kernels by path.
 _via_root=$(dirname "$_via_ws")
-_via_key=$(find "$_via_root"/via_*/via_* -name '*.py' | LC_ALL=C sort | xargs -d '\n' cat | cksum | cut -d' ' -f1)
+for _via_each in "$_via_root"/via_*/setup.py; do
+    PYTHONPATH=${_via_each%/setup.py}${PYTHONPATH:+:$PYTHONPATH}
+done
+export PYTHONPATH
+
+# Each state of the sources has its own cache of compiled kernels. numba checks only the file that defines a kernel, and
+# would run outdated code after a constant or function of another file has changed. Nodes, commands and exports define no
+# kernels, and kernels import none of them.
+_via_key=$(find "$_via_root"/via_*/via_* \( -name via_bringup -o -name via_export -o -name via_ros -o -name nodes \) -prune \
+    -o -name '*.py' -print | LC_ALL=C sort | xargs -d '\n' cat | cksum | cut -d' ' -f1)
 case ${NUMBA_CACHE_DIR:-} in '' | "$_via_root"/.numba_cache/*) export NUMBA_CACHE_DIR=$_via_root/.numba_cache/$_via_key ;; esac
 
 # Nodes are found on this host only; `export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET` opens them to the network.
@@ -48,4 +56,4 @@ if [ ! -w "${HOME:-}" ]; then
 fi
 
 if [ -n "$_via_nounset" ]; then set -u; fi
-unset _via_ws _via_root _via_key _via_venv _via_setup _via_nounset
+unset _via_ws _via_root _via_key _via_venv _via_setup _via_each _via_nounset

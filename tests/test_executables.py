@@ -12,6 +12,8 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +103,14 @@ def test_ros2_run_finds_it(package, executable):
     assert any(path.is_file() and os.access(path, os.X_OK) for path in paths), paths
 
 
-# The numba cache is keyed by source path, so the scripts below import the packages of the workspace, like executables.
+def test_processes_import_the_packages_from_the_same_folders_as_tests():
+    """numba caches kernels by path: otherwise every kernel would be compiled twice."""
+    script = "import importlib.util, sys; print(*(importlib.util.find_spec(name).origin for name in sys.argv[1:]))"
+    names = [file.parent.name for file in sorted(ROOT.glob("via_*/setup.py"))]
+    done = subprocess.run([sys.executable, "-c", script, *names], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [find_spec(name).origin for name in names]
+
+
 METHODS_LOADED = """
 import numpy as np
 from via_core.devices import device_names, load_device
@@ -128,6 +137,7 @@ ARMS = ("arm_simulator", "hopper_simulator", "modal_limit_cycle", "bang_bang", "
 LOADED = {"gap_monitor": MONITOR_LOADED, **dict.fromkeys(ARMS, ARM_LOADED)}
 
 
+@cache
 def compiled(script):
     """Run `script` so that the kernels it calls are in the cache before a node with a timeout needs them."""
     subprocess.run([sys.executable, "-c", script], check=True)

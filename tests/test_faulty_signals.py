@@ -16,16 +16,21 @@ from via_ros.conversions import Command, JointStateWriter
 from via_validation.compare.faults import LATE, faults_of, moved, with_fault
 
 MOTOR, DAMPER, SERVO = DEVICES = tuple(load_device(name) for name in ("cubic_demo", "compact_vpda", "maccepavd"))
-SIGNALS = {device.name: moved(device) for device in DEVICES}
 CASES = [(device, name) for device in DEVICES for name in faults_of(device)]
+
+
+@pytest.fixture(name="signals", scope="module")
+def _signals():
+    """Signals of each simulated device."""
+    return {device.name: moved(device) for device in DEVICES}
 
 
 @pytest.mark.parametrize(
     ("device", "method"), [(device, method) for device in DEVICES for method in methods_for(device)],
     ids=lambda each: each if isinstance(each, str) else each.name,
 )  # fmt: skip
-def test_no_method_calls_a_faulty_sample_ok(device, method):
-    estimator, measured = estimator_for(device, method), SIGNALS[device.name]
+def test_no_method_calls_a_faulty_sample_ok(device, method, signals):
+    estimator, measured = estimator_for(device, method), signals[device.name]
     sound = estimator.run(measured)
     late = sound.time > LATE
     assert np.mean(sound.status[late] == Status.OK) > 0.85 and Status.IMPLAUSIBLE not in sound.status
@@ -47,9 +52,9 @@ def test_a_spring_that_may_change_does_not_explain_a_wrong_link_angle(name):
     assert np.mean(estimates.status[late] == Status.OK) <= 0.05
 
 
-def test_a_repaired_channel_is_estimated_anew():
+def test_a_repaired_channel_is_estimated_anew(signals):
     """After a fault the memory holds impossible rows: the estimator starts again, and its interval holds."""
-    measured = SIGNALS[MOTOR.name]
+    measured = signals[MOTOR.name]
     channels = {**measured.channels, "tau": np.where(np.abs(measured.time[:, None] - 2.0) < 0.5, 0.0, measured["tau"])}
     estimates = estimator_for(MOTOR).run(Signals(measured.time, channels, measured.units, measured.held))
     assert np.all(estimates.status[(estimates.time > 2.5) & (estimates.time < 5.0)] == Status.IMPLAUSIBLE)
@@ -105,15 +110,15 @@ def recorded(device, measured, folder):
 
 
 @pytest.mark.parametrize(("device", "name"), CASES, ids=[f"{device.name}, {name}" for device, name in CASES])
-def test_the_check_of_a_bag_names_the_fault(device, name, tmp_path):
-    found = check(recorded(device, with_fault(SIGNALS[device.name], faults_of(device)[name]), tmp_path / "bag"), device)
+def test_the_check_of_a_bag_names_the_fault(device, name, tmp_path, signals):
+    found = check(recorded(device, with_fault(signals[device.name], faults_of(device)[name]), tmp_path / "bag"), device)
     errors = [each for each in found if each.check == "implausible"]
     assert len(errors) == 1 and errors[0].severity == "error"
     assert faults_of(device)[name].words in errors[0].text
 
 
-def test_the_check_of_a_sound_bag_with_lost_samples_reports_their_number(tmp_path):
-    measured = SIGNALS[MOTOR.name]
+def test_the_check_of_a_sound_bag_with_lost_samples_reports_their_number(tmp_path, signals):
+    measured = signals[MOTOR.name]
     kept = np.random.default_rng(5).random(len(measured)) > 0.1
     channels = {name: values[kept] for name, values in measured.channels.items()}
     found = check(recorded(MOTOR, Signals(measured.time[kept], channels, measured.units), tmp_path / "bag"), MOTOR)

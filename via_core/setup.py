@@ -18,4 +18,5 @@ setup(
     install_requires=["setuptools", "lz4", "mcap", "pyarrow", "regex", "zstandard"],
     extras_require={"test": ["pytest", "mcap-ros2-support"]},
     zip_safe=False,
+    entry_points={"numba_extensions": ["init = via_core.kernel_cache:init"]},
 )

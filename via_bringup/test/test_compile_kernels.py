@@ -1,5 +1,7 @@
 """`compile_kernels` runs once per cache folder, and again after an interruption."""
 
+from pathlib import Path
+
 import pytest
 from via_bringup import compile_kernels
 
@@ -37,3 +39,12 @@ def test_an_interrupted_compilation_is_repeated(tmp_path, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         compile_kernels.main()
     assert not (tmp_path / compile_kernels.STAMP).exists()
+
+
+def test_files_outside_the_key_of_the_cache_define_no_kernels():
+    """ros2_ws/env.sh leaves them out."""
+    root = Path(__file__).resolve().parents[2]
+    files = [file for name in ("via_bringup", "via_export", "via_ros") for file in (root / name / name).rglob("*.py")]
+    files += root.glob("via_*/via_*/nodes/**/*.py")
+    assert len(files) > 50
+    assert not [file for file in files if "njit" in file.read_text("utf-8")]

@@ -74,41 +74,51 @@ def bump(derivative: int, span: float, u: np.ndarray) -> np.ndarray:
     return scale * (shape.deriv(derivative) if derivative else shape)(u)
 
 
-def equation(signals: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Motor's equation in the long way: regressors of B, D, F, delay, a cubic spring; right side; noise covariance."""
+LENGTH, STEP, SPAN = 41, 10, 40.0 / RATE  # samples of a window and between windows; [s]
+PSI = [bump(i, SPAN, np.linspace(0.0, 1.0, LENGTH)) / RATE for i in range(3)]
+PSI_HELD = np.r_[0.0, 0.5 * (PSI[0][1:] + PSI[0][:-1])]
+
+
+def windows(time: np.ndarray) -> list[slice]:
+    return [slice(first, first + LENGTH) for first in range(0, len(time) - LENGTH + 1, STEP)]
+
+
+def equation(signals: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Motor's equation in the long way: regressors of B, D, F, delay, a cubic spring; right side."""
     time, q, theta, tau = signals["time"], signals["q"], signals["theta_1"], signals["tau_1"]
-    length, step, h = 41, 10, 1.0 / RATE
-    span, u = (length - 1) * h, np.linspace(0.0, 1.0, length)
-    psi = [h * bump(i, span, u) for i in range(3)]
-    psi_held = h * np.r_[0.0, 0.5 * (bump(0, span, u)[1:] + bump(0, span, u)[:-1])]
-    starts = np.arange(0, len(time) - length + 1, step)
-    A, y = np.zeros((len(starts), 6)), np.zeros(len(starts))
-    G = {name: np.zeros((len(starts), len(time))) for name in ("q", "theta_1", "tau_1")}
     sign = np.sign(np.interp(time + 0.025, time, theta) - np.interp(time - 0.025, time, theta))
-    for k, first in enumerate(starts):
-        at = slice(first, first + length)
+    A, y = [], []
+    for at in windows(time):
         phi = q[at] - theta[at]
-        A[k] = (
-            psi[2] @ theta[at], -psi[1] @ theta[at], psi[0] @ sign[at], psi[1] @ tau[at], -psi[0] @ phi,
-            -psi[0] @ phi**3,
-        )  # fmt: skip
-        y[k] = psi_held @ tau[at]
-        G["theta_1"][k, at] = INERTIA * psi[2] - VISCOUS * psi[1] + STIFFNESS * psi[0]
-        G["q"][k, at], G["tau_1"][k, at] = -STIFFNESS * psi[0], -psi_held
+        A.append((
+            PSI[2] @ theta[at], -PSI[1] @ theta[at], PSI[0] @ sign[at], PSI[1] @ tau[at], -PSI[0] @ phi,
+            -PSI[0] @ phi**3,
+        ))  # fmt: skip
+        y.append(PSI_HELD @ tau[at])
+    return np.array(A), np.array(y)
+
+
+def covariance(time: np.ndarray) -> np.ndarray:
+    """Noise covariance of the equation's rows."""
+    rows = windows(time)
+    G = {name: np.zeros((len(rows), len(time))) for name in ("q", "theta_1", "tau_1")}
+    for k, at in enumerate(rows):
+        G["theta_1"][k, at] = INERTIA * PSI[2] - VISCOUS * PSI[1] + STIFFNESS * PSI[0]
+        G["q"][k, at], G["tau_1"][k, at] = -STIFFNESS * PSI[0], -PSI_HELD
     noise = {"q": ANGLE_NOISE, "theta_1": ANGLE_NOISE, "tau_1": TORQUE_NOISE}
     C = sum(noise[name] ** 2 * gain @ gain.T for name, gain in G.items())
-    return A, y, C + 1e-9 * np.diag(np.diag(C))
+    return C + 1e-9 * np.diag(np.diag(C))
 
 
 def test_predicted_standard_deviations_match_the_scatter_of_a_weighted_fit():
     signals, random = exact(), np.random.default_rng(7)
-    weight = np.linalg.inv(equation(signals)[2])
+    weight = np.linalg.inv(covariance(signals["time"]))
     found = []
     for _ in range(200):
         noisy = dict(signals)
         for name, sd in (("q", ANGLE_NOISE), ("theta_1", ANGLE_NOISE), ("tau_1", TORQUE_NOISE)):
             noisy[name] = signals[name] + sd * random.normal(size=len(signals[name]))
-        A, y, _ = equation(noisy)
+        A, y = equation(noisy)
         x = np.linalg.solve(A.T @ weight @ A, A.T @ weight @ y)
         found.append([x[0], x[1], x[2], x[3], x[4] + 3.0 * x[5] * 0.2**2])
     scatter = np.std(found, axis=0, ddof=1)

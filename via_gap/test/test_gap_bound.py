@@ -11,7 +11,7 @@ from via_gap.residual.errors import Errors, free_errors
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments, cut_log
 from via_gap.selection.basis import Basis, ticks_of
-from via_gap.selection.bound import flexible, solved
+from via_gap.selection.bound import Flexible, flexible, solved
 from via_gap.selection.evidence import evaluate
 from via_gap.selection.gap import _gap
 from via_gap.selection.holdout import split
@@ -27,10 +27,16 @@ def prepared(device, effects, duration=12.0) -> tuple[ResidualModel, ResidualMod
     return fitted, evaluated, fit_device_numbers(fitted), segments
 
 
-def test_a_flexible_torque_explains_a_gap_without_knowing_its_name():
-    fitted, evaluated, base, _ = prepared(joint(), (DRAG,), 20.0)
+@pytest.fixture(name="dragged", scope="module")
+def _dragged() -> tuple[ResidualModel, ResidualModel, Fit, Segments, Flexible]:
+    """A joint with drag, and the flexible torque found for it."""
+    fitted, evaluated, base, segments = prepared(joint(), (DRAG,), 20.0)
+    return fitted, evaluated, base, segments, flexible(fitted, base)
+
+
+def test_a_flexible_torque_explains_a_gap_without_knowing_its_name(dragged):
+    _, evaluated, base, _, model = dragged
     (left,) = evaluate(evaluated, [base])
-    model = flexible(fitted, base)
     reached = float(np.mean(model.residual(evaluated, model.functions(evaluated)) ** 2))
     assert reached < 1e-3 * left.mean_square
 
@@ -42,9 +48,8 @@ def test_it_finds_nothing_where_there_is_nothing():
     assert 0.8 < reached < 1.3
 
 
-def test_the_torque_found_is_the_one_that_is_missing():
-    fitted, _, base, segments = prepared(joint(), (DRAG,))
-    model = flexible(fitted, base)
+def test_the_torque_found_is_the_one_that_is_missing(dragged):
+    fitted, _, _, segments, model = dragged
     (values,) = model.functions(fitted)
     torque = (values @ model.weights.T)[:, 0]
     speed = segments.start[:: ticks_of(segments), 3]

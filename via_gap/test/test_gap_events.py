@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gap_logs import flexible, log_of
+from gap_logs import flexible, log_of, rigid
 from via_gap.candidates.location import locations
 from via_gap.diagnosis import diagnose
 from via_gap.residual.segments import cut_log
@@ -27,7 +27,7 @@ def test_shots_that_hold_an_event_are_fitted_and_no_shot_is_lost():
 
 
 def test_a_push_beside_friction_is_named_though_all_its_edges_were_held_out(monkeypatch):
-    log = log_of(flexible(), (FRICTION, PUSH), seed=33)
+    log = log_of(rigid(), (FRICTION, PUSH), seed=33)
     segments = cut_log(log)
     (train,), _, _ = split([segments], [])
     span = segments.ticks / segments.rate

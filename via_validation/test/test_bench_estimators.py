@@ -56,6 +56,13 @@ def test_every_contender_of_the_kalman_filters_finds_the_same_state(reference):
     assert np.allclose(kalman.filterpy_ukf(rows, *given), kalman.fold_ukf(rows, *given), rtol=1e-6, atol=1e-7)
 
 
+@pytest.fixture(name="built")
+def _built(monkeypatch, reference):
+    """The reference that is there already, for rows that would build it again."""
+    monkeypatch.setattr(eigen, "build", lambda folder: reference)
+
+
+@pytest.mark.usefixtures("built")
 def test_kalman_rows_have_times_and_ratios(monkeypatch):
     monkeypatch.setattr(kalman, "LOG", 100)
     monkeypatch.setattr(kalman, "SLOW", 5)
@@ -93,6 +100,7 @@ def test_without_a_compiler_or_headers_rows_have_the_reason(monkeypatch, tmp_pat
     assert eigen.build(tmp_path) == "no Eigen headers"
 
 
+@pytest.mark.usefixtures("built")
 def test_contenders_that_disagree_are_not_timed(monkeypatch):
     monkeypatch.setattr(kernels, "numpy_rls", lambda rows, y, prior: np.zeros(9))
     with pytest.raises(ViaError, match="contenders of rls disagree"):

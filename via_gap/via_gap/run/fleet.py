@@ -16,6 +16,7 @@ import json
 import logging
 import os
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -35,8 +36,7 @@ from via_sim.effects.own import loaded
 
 import via_gap
 from via_gap.report.report import GapReport, read_report
-from via_gap.run.fleet_task import OwnKernels, diagnose_file
-from via_gap.run.worker import Failed, Finished, undisturbed
+from via_gap.run.worker import Failed, Finished, Job, diagnosed, undisturbed
 
 OnDone = Callable[[int, int, Path | None], None]  # number of logs done, of all logs, and the log just done
 PATIENCE = "20s"  # for a scheduler to answer
@@ -115,7 +115,7 @@ def run_fleet(
 def _diagnosed(client: Client, todo: dict[str, Path], device: Device, results: Path) -> Iterator[tuple[str, Row]]:
     text = device.model_dump_json()
     futures = {
-        client.submit(diagnose_file, str(path.resolve()), text, loaded(), key=f"via-gap-{key}"): key
+        client.submit(_timed, str(path.resolve()), text, loaded(), key=f"via-gap-{key}"): key
         for key, path in todo.items()
     }
     try:
@@ -133,6 +133,13 @@ def _diagnosed(client: Client, todo: dict[str, Path], device: Device, results: P
             yield key, row
     finally:
         client.cancel(list(futures))
+
+
+def _timed(path: str, device: str, own_effects: tuple[str, ...]) -> tuple[Finished | Failed, float]:
+    """The task of a process: the outcome for the log at `path` against `device` (JSON), and how long it took [s]."""
+    begin = time.perf_counter()
+    outcome = diagnosed(Job(Device.model_validate_json(device), Path(path), own_effects=own_effects))
+    return outcome, time.perf_counter() - begin
 
 
 def _kept(results: Path, row: Row, outcome: Finished | Failed) -> Row:
@@ -252,5 +259,4 @@ def _client(workers: Workers) -> Iterator[Client]:
                 )  # fmt: skip
             client = Client(stack.enter_context(cluster), set_as_default=False)
         stack.enter_context(client)
-        client.register_plugin(OwnKernels())
         yield client
