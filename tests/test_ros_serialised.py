@@ -13,7 +13,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from ros_messages import CommandWriter
 from sensor_msgs.msg import JointState
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
-from via_ros.conversions import MOST_NAMES, STAMP, Command, Names, joints_of, nanoseconds, set_stamp
+from via_ros.conversions import MOST_NAMES, Command, Names, joints_of, nanoseconds, set_stamp
+from via_ros.interfaces import stamp_bytes
 from via_ros.serialised import CommandBytes, JointStateDecoder, Template, decoded_command
 
 TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
@@ -156,19 +157,17 @@ def test_a_template_writes_the_bytes_of_ros(kind, first, second, frame, method, 
     flat = np.array([at for each in places.values() for at in each], dtype=np.intp)
     values = np.array(data.draw(st.lists(DOUBLES, min_size=len(flat), max_size=len(flat))), dtype=np.float64)
     set_stamp(message.header.stamp, stamp)
-    written = template.write(
-        STAMP.pack(message.header.stamp.sec, message.header.stamp.nanosec), sequence, status, flat, values
-    )
+    template.doubles[flat] = values
+    written = template.numbered(stamp_bytes(stamp), sequence, bytes([status]))
     got = deserialize_message(written, kind)
     assert (got.header, got.sequence, got.status, got.method) == (message.header, sequence, status, method)
     assert bits(values) == bits([each for name in doubles for each in np.atleast_1d(getattr(got, name))])
-    assert template.write(bytes(8), 0, 0, flat, values) != written or (stamp, sequence, status) == (0, 0, 0)
+    assert template.numbered(bytes(8), 0, b"\0") != written or (stamp, sequence, status) == (0, 0, 0)
 
 
 @pytest.mark.parametrize("kind", [StiffnessEstimate, DampingEstimate, MotorEstimate])
 def test_written_messages_are_not_overwritten(kind):
     template = Template(kind())
-    nothing = np.array([], dtype=np.intp)
-    first = template.write(bytes(8), 1, 0, nothing, np.empty(0))
-    template.write(bytes(8), 2, 0, nothing, np.empty(0))
+    first = template.numbered(bytes(8), 1, b"\0")
+    template.numbered(bytes(8), 2, b"\0")
     assert deserialize_message(first, kind).sequence == 1

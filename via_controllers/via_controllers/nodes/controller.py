@@ -34,11 +34,12 @@ from via_core.errors import ParameterError, ViaError
 from via_core.signals import Array
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.conversions import Command, set_stamp
+from via_ros.conversions import Command
 from via_ros.gate import Gate, RenewedSubscription
+from via_ros.interfaces import stamp_bytes
 from via_ros.parameters import declare
 from via_ros.peers import commanders, drivers, rivalry
-from via_ros.serialised import CommandBytes, JointStateDecoder
+from via_ros.serialised import CommandBytes, JointStateDecoder, Template
 from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
@@ -220,7 +221,8 @@ class ControllerNode(LifecycleNode):
         else:
             self._gaps += sample.time - self._time > GAP
             self._time = sample.time
-        self._limited |= answer.limited
+        if answer.limited:
+            self._limited |= answer.limited
         if self._answered % self._settings.told_every == 0:
             values = self._supervisor.observe(self._state)
             self._states.publish(self._control_state.message(stamp, answer, values))
@@ -282,7 +284,7 @@ class ControllerNode(LifecycleNode):
 
 
 class _ControlStateWriter:
-    """One reused ControlState message, numbered from 0."""
+    """Serialised ControlStates, numbered from 0."""
 
     def __init__(self, robot: ControlledArm | ControlledJoint, method: str) -> None:
         arm, quantities = robot.supervisor.limits.arm, robot.supervisor.controller.quantities
@@ -292,25 +294,23 @@ class _ControlStateWriter:
             "deflection_limit": arm.deflection_limit,
         }
         self.limits = {name: " ".join(f"{value:g}" for value in values) for name, values in limits.items()}
-        self._message = ControlState(
+        message = ControlState(
             method=method,
             name=[each.name for each in quantities],
             unit=[each.unit for each in quantities],
             value=array.array("d", [np.nan] * len(quantities)),
             **{name: array.array("d", values) for name, values in limits.items()},
         )
-        self._message.header.frame_id = robot.name
-        self._value: Array = np.frombuffer(self._message.value)
+        message.header.frame_id = robot.name
+        self._template = Template(message)
+        self._value = self._template.view("value")
         self._sequence = 0
 
-    def message(self, stamp: int, answer: Answer, values: Array) -> ControlState:
+    def message(self, stamp: int, answer: Answer, values: Array) -> bytes:
         """The message about the sample with this stamp [ns]."""
-        message = self._message
-        set_stamp(message.header.stamp, stamp)
-        message.sequence, self._sequence = self._sequence, self._sequence + 1
-        message.activity, message.limited = int(answer.activity), int(answer.limited)
         self._value[:] = values
-        return message
+        sequence, self._sequence = self._sequence, self._sequence + 1
+        return self._template.numbered(stamp_bytes(stamp), sequence, bytes((answer.activity, answer.limited)))
 
 
 def _stamp_now(last: int) -> int:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, nan
 from typing import Any
 
 import numpy as np
+from numba import njit
 from via_core.signals import Array, locked
 
 from via_controllers.contract import ArmController, ArmSample, Controller, JointSample, require_positive
@@ -74,14 +76,16 @@ class JointSupervisor:
 
     def step(self, state: SupervisedJoint, sample: JointSample, active: bool) -> tuple[SupervisedJoint, Answer]:
         """The next state and the torques for `sample`."""
-        angles, n = np.array([sample.q, *sample.theta]), self.limits.arm.n
-        velocities = self._velocities(state, sample.time, angles)
-        q, q_velocity, unknown = (np.array([value] * n) for value in (angles[0], velocities[0], nan))
-        motion = ArmSample(sample.time, q, q_velocity, angles[1:], velocities[1:], unknown)
+        step = sample.time - state.time
+        angles, velocities, q, q_velocity = _motion(
+            sample.q, sample.theta, step, state.angles, state.velocities, self.velocity_bandwidth
+        )
+        motion = ArmSample(sample.time, q, q_velocity, angles[1:], velocities[1:], self._unknown)
         inner, answer = self.supervisor.step(state.inner, motion, active)
         if answer.unusable:
             return state, answer
-        return SupervisedJoint(inner, sample.time, locked(angles, "angles"), locked(velocities, "velocities")), answer
+        angles.flags.writeable = velocities.flags.writeable = False
+        return SupervisedJoint(inner, sample.time, angles, velocities), answer
 
     def passive(self) -> Answer:
         """No torque."""
@@ -95,8 +99,22 @@ class JointSupervisor:
         """Quantities (k,) of the controller, NaN while it is not active."""
         return self.supervisor.observe(state.inner)
 
-    def _velocities(self, state: SupervisedJoint, time: float, angles: Array) -> Array:
-        step = time - state.time
-        if not (0.0 <= step <= GAP and np.abs(angles).max() <= FURTHEST):  # restart, or a measurement fault
-            return np.zeros(1 + self.limits.arm.n)
-        return low_passed(state.velocities, state.angles, angles, step, self.velocity_bandwidth)
+    @cached_property
+    def _unknown(self) -> Array:
+        """Torques (m,) of sensors, which joints do not have."""
+        return locked(np.full(self.limits.arm.n, nan), "spring_torque")
+
+
+@njit(cache=True, error_model="numpy")
+def _motion(
+    q: float, theta: Array, step: float, before: Array, velocities: Array, bandwidth: float
+) -> tuple[Array, Array, Array, Array]:
+    """Angles and velocities (1 + m,), link first, then those of the link for each motor (m,).
+
+    step        [s] since the last sample, whose angles and velocities were `before` and `velocities`
+    """
+    angles, velocity = np.empty(1 + theta.size), np.zeros(1 + theta.size)
+    angles[0], angles[1:] = q, theta
+    if 0.0 <= step <= GAP and np.abs(angles).max() <= FURTHEST:  # else a restart, or a measurement fault
+        velocity = low_passed(velocities, before, angles, step, bandwidth)
+    return angles, velocity, np.full(theta.size, q), np.full(theta.size, velocity[0])

@@ -120,4 +120,5 @@ class _Output:
 
     def write(self, stamp: bytes, sequence: int, status: int, numbers: Array) -> bytes:
         """The message of numbers (2k,): values, then standard deviations."""
-        return self._template.write(stamp, sequence, status, self._places, numbers[self._sources])
+        self._template.doubles[self._places] = numbers[self._sources]
+        return self._template.numbered(stamp, sequence, bytes((status,)))

@@ -40,7 +40,7 @@ from via_ros import qos
 from via_ros.conversions import Command, set_stamp
 from via_ros.gate import Gate, RenewedSubscription
 from via_ros.peers import CommandOrigin, DriverOrigin, commanders, drivers, rivalry
-from via_ros.serialised import decoded_command
+from via_ros.serialised import JointStateBytes, decoded_command
 from via_ros.spin import STEADY
 
 from via_sim.nodes.round_trips import RoundTrips
@@ -105,6 +105,7 @@ class SimulationNode(Node, Generic[Row]):
             self._clock_publisher = self.create_publisher(ClockMessage, "/clock", qos.CONTROL)
         self._commands = RenewedSubscription(self, VsaCommand, command_topic, self._take, qos.LOOP)
         self._commanders = CommandOrigin()
+        self._serialised = JointStateBytes(self._samples)
         self._drivers = DriverOrigin(self, "/joint_states", command_topic, self._samples.names)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(POLL, self._poll, clock=STEADY)
@@ -132,8 +133,8 @@ class SimulationNode(Node, Generic[Row]):
         """Simulate one tick under a command."""
 
     @abstractmethod
-    def _sample(self, stamp: int) -> JointState:
-        """The present measurements with a stamp [ns]; publishes the further topics of the sample."""
+    def _sample(self, stamp: int) -> None:
+        """Write the present measurements into `_samples`; publish the further topics of the sample of this stamp [ns]."""
 
     @abstractmethod
     def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
@@ -256,7 +257,8 @@ class SimulationNode(Node, Generic[Row]):
         if self._clock_publisher is not None:
             set_stamp(self._clock_message.clock, stamp)
             self._clock_publisher.publish(self._clock_message)
-        self._last_sample = self._sample(stamp)
+        self._sample(stamp)
+        self._last_sample = self._serialised.stamped(stamp)
         self._drivers.sent(stamp)
         self.round_trips.sent(stamp)
         self._joint_states.publish(self._last_sample)

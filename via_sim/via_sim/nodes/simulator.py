@@ -16,7 +16,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.parameters import parameter
 from via_core.signals import Array
@@ -118,7 +117,7 @@ class SimulatorNode(SimulationNode[Array]):
             self._state = self._simulator.init(seed=self._chosen.seed)
             self._measured, self._truth = self._simulator.sample(self._state)
 
-    def _sample(self, stamp: int) -> JointState:
+    def _sample(self, stamp: int) -> None:
         for (message, publisher), value in zip(
             self._truths, (self._truth[TRUTH.stiffness], self._truth[TRUTH.damping])
         ):
@@ -134,7 +133,6 @@ class SimulatorNode(SimulationNode[Array]):
             self._samples.effort[1:] = (
                 measured[MEASURED.tau_1 : MEASURED.tau_1 + count - 1] if self.device.n_motors else self._sent
             )
-        return self._samples.stamped(stamp)
 
     def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
         values = {"numerical failures": self._failures, "effects": self._effects.active}
