@@ -108,8 +108,9 @@ class JointAxes:
 
     def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
         """tau_e [N m], damper included, and the resulting qdd [rad/s^2], (m,) each."""
-        found: tuple[Array, Array] = _loads(self._springs, self._link, q, velocity, theta, motor_velocity)
-        return found
+        out = np.empty((2, len(theta)))
+        _loads(self._springs, self._link, q, velocity, theta, motor_velocity, out)
+        return out[0], out[1]
 
 
 @njit(cache=True, error_model="numpy")
@@ -126,13 +127,14 @@ def _spring_state(springs: _Springs, q: float, theta: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _loads(
-    springs: _Springs, link: _Link, q: Array, velocity: Array, theta: Array, motor_velocity: Array
-) -> tuple[Array, Array]:
-    """As `JointAxes.loads`."""
-    torque = _spring_state(springs, q[0], theta)[0]
+    springs: _Springs, link: _Link, q: Array, velocity: Array, theta: Array, motor_velocity: Array, out: Array
+) -> None:
+    """Write `JointAxes.loads` into `out` (2, m): returned arrays take longer than the computation."""
+    torque = out[0]
+    torque[:] = _spring_state(springs, q[0], theta)[0]
     torque[0] += link.damping * (velocity[0] - motor_velocity[0])
     gravity = link.gravity * sin(q[0] - link.gravity_angle)
-    return torque, np.full(theta.size, (-torque.sum() - link.friction * velocity[0] - gravity) / link.inertia)
+    out[1] = (-torque.sum() - link.friction * velocity[0] - gravity) / link.inertia
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ takes 13-17 us with one listener, as bytes 9.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +38,12 @@ SIZES = {
     "boolean": 1, "octet": 1, "uint8": 1, "int8": 1, "uint16": 2, "int16": 2, "uint32": 4, "int32": 4, "float": 4,
     "uint64": 8, "int64": 8, "double": 8,
 }  # fmt: skip
+
+
+def raw(publisher: Any) -> Callable[[bytes], None]:
+    """Publishes serialised messages, without the checks of `publisher.publish`, which take a third of its time."""
+    publish: Callable[[bytes], None] = publisher.handle.publish_raw
+    return publish
 
 
 class _Opening(NamedTuple):

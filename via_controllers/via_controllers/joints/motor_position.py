@@ -122,10 +122,10 @@ class MotorPositionControl(Controller[MotorPositionState]):
         if isnan(state.start):
             state = MotorPositionState(sample.time, theta, sample.time, theta, state.velocity, state.reference)
         elapsed, step = sample.time - state.start, sample.time - state.time
-        reference, velocity, torque, saturated = _step(
-            self._constants, elapsed, step, state.origin, state.theta, state.velocity, theta
-        )
-        reference.flags.writeable = velocity.flags.writeable = False
+        out = np.empty((3, 2))
+        saturated = _step(self._constants, elapsed, step, state.origin, state.theta, state.velocity, theta, out)
+        reference, velocity, torque = out
+        out.flags.writeable = reference.flags.writeable = velocity.flags.writeable = False
         after = MotorPositionState(state.start, state.origin, sample.time, theta, velocity, reference)
         return after, Torques(torque, saturated)
 
@@ -143,9 +143,13 @@ def _references(given: _Constants, time: float, origin: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _step(
-    given: _Constants, elapsed: float, step: float, origin: Array, before: Array, velocity: Array, theta: Array
-) -> tuple[Array, Array, Array, bool]:
-    """References, velocities and limited torques (2,) each, and whether a torque was cut, from motor angles `theta` `step` [s] after `before`."""
+    given: _Constants, elapsed: float, step: float, origin: Array, before: Array, velocity: Array, theta: Array,
+    out: Array,
+) -> bool:  # fmt: skip
+    """Write references, velocities and limited torques into `out` (3, 2); returns whether a torque was cut.
+
+    `theta` are the motor angles `step` [s] after `before`. Returned arrays would take longer than the computation.
+    """
     reference = _references(given, elapsed, origin)
     moving = low_passed(velocity, before, theta, step, given.velocity_bandwidth)
     x = 0.5 * (reference[0] + reference[1])
@@ -154,5 +158,6 @@ def _step(
         tau_0 = -spring_torque(given.kinds[i], given.coefficients[i], x - reference[i], 0.0)
         error = theta[i] - reference[i]
         torque[i] = tau_0 - given.derivative_gain * moving[i] - given.proportional_gain * error
-    limited, saturated = limited_torque(torque, given.torque_limit)
-    return reference, moving, limited, saturated
+    out[0], out[1] = reference, moving
+    out[2], saturated = limited_torque(torque, given.torque_limit)
+    return saturated

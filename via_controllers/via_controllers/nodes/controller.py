@@ -39,7 +39,7 @@ from via_ros.gate import Gate, RenewedSubscription
 from via_ros.interfaces import stamp_bytes
 from via_ros.parameters import declare
 from via_ros.peers import commanders, drivers, rivalry
-from via_ros.serialised import CommandBytes, JointStateDecoder, Template
+from via_ros.serialised import CommandBytes, JointStateDecoder, Template, raw
 from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
@@ -154,8 +154,8 @@ class ControllerNode(LifecycleNode):
         self._silent = True  # the present silence is handled already
         self._last: int | None = None  # [ns] stamp of the last sample
         publisher = self._creator(self.create_publisher, self.destroy_publisher)
-        self._commands = publisher(VsaCommand, self._robot.command_topic, qos.SAMPLES)
-        self._states = publisher(ControlState, f"/{self._robot.name}/control", qos.SAMPLES)
+        self._publish_command = raw(publisher(VsaCommand, self._robot.command_topic, qos.SAMPLES))
+        self._publish_state = raw(publisher(ControlState, f"/{self._robot.name}/control", qos.SAMPLES))
         self._reports = publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         timer = self._creator(self.create_timer, self.destroy_timer)
         timer(REPORT, self._report, clock=STEADY)
@@ -225,11 +225,11 @@ class ControllerNode(LifecycleNode):
             self._limited |= answer.limited
         if self._answered % self._settings.told_every == 0:
             values = self._supervisor.observe(self._state)
-            self._states.publish(self._control_state.message(stamp, answer, values))
+            self._publish_state(self._control_state.message(stamp, answer, values))
 
     def _send(self, stamp: int, torque: Array) -> None:
         command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, self._robot.damping, torque)
-        self._commands.publish(self._writer.numbered(stamp, command))
+        self._publish_command(self._writer.numbered(stamp, command))
 
     def _look(self) -> None:
         """Send zero torque once when stamps stop: the last torque then no longer fits the motion."""

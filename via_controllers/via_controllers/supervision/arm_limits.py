@@ -118,17 +118,20 @@ class ArmLimits:
         """The torques (n,) [N m] closest to `torque` that respect the limits, and the limits that changed them."""
         tau_e, acceleration = self.arm.loads(sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
         motion = _Motion(sample.q, sample.q_velocity, acceleration, sample.theta, sample.theta_velocity, tau_e)
-        out, changed = _kept(torque, motion, self._motors, self.speed_time, self.deflection_rate)
-        return out, LIMITS[changed]
+        out = np.array(torque, dtype=np.float64)
+        return out, LIMITS[_keep(out, motion, self._motors, self.speed_time, self.deflection_rate)]
 
 
 @njit(cache=True, error_model="numpy")
-def _kept(wanted: Array, motion: _Motion, motors: _Motors, T: float, k: float) -> tuple[Array, int]:
-    """`wanted` (n,) clipped to its windows, zero if a torque is not finite, and the bits of Limit that changed it."""
-    torque, changed = np.zeros(wanted.size), 0
-    if not np.isfinite(wanted).all():
-        return torque, TORQUE
-    torque[:] = wanted
+def _keep(torque: Array, motion: _Motion, motors: _Motors, T: float, k: float) -> int:
+    """Clip `torque` (n,) in place to its windows; returns the bits of Limit that changed it.
+
+    Where a torque is not finite, all are zero.
+    """
+    if not np.isfinite(torque).all():
+        torque[:] = 0.0
+        return TORQUE
+    changed = 0
     for i in range(torque.size):
         speed, inertia = motion.speed[i], motors.inertia[i]
         load = motors.friction[i] * speed - motion.tau_e[i]
@@ -150,4 +153,4 @@ def _kept(wanted: Array, motion: _Motion, motors: _Motors, T: float, k: float) -
         torque[i] = min(max(before, -motors.torque_limit[i]), motors.torque_limit[i])
         if torque[i] != before:
             changed |= TORQUE
-    return torque, changed
+    return changed

@@ -76,15 +76,14 @@ class JointSupervisor:
 
     def step(self, state: SupervisedJoint, sample: JointSample, active: bool) -> tuple[SupervisedJoint, Answer]:
         """The next state and the torques for `sample`."""
-        step = sample.time - state.time
-        angles, velocities, q, q_velocity = _motion(
-            sample.q, sample.theta, step, state.angles, state.velocities, self.velocity_bandwidth
-        )
-        motion = ArmSample(sample.time, q, q_velocity, angles[1:], velocities[1:], self._unknown)
+        step, out = sample.time - state.time, np.zeros((4, 1 + self.limits.arm.n))
+        _move(out, sample.q, sample.theta, step, state.angles, state.velocities, self.velocity_bandwidth)
+        angles, velocities, q, q_velocity = out
+        motion = ArmSample(sample.time, q[1:], q_velocity[1:], angles[1:], velocities[1:], self._unknown)
         inner, answer = self.supervisor.step(state.inner, motion, active)
         if answer.unusable:
             return state, answer
-        angles.flags.writeable = velocities.flags.writeable = False
+        out.flags.writeable = angles.flags.writeable = velocities.flags.writeable = False
         return SupervisedJoint(inner, sample.time, angles, velocities), answer
 
     def passive(self) -> Answer:
@@ -106,15 +105,16 @@ class JointSupervisor:
 
 
 @njit(cache=True, error_model="numpy")
-def _motion(
-    q: float, theta: Array, step: float, before: Array, velocities: Array, bandwidth: float
-) -> tuple[Array, Array, Array, Array]:
-    """Angles and velocities (1 + m,), link first, then those of the link for each motor (m,).
+def _move(
+    out: Array, q: float, theta: Array, step: float, before: Array, velocities: Array, bandwidth: float
+) -> None:
+    """Write the motion (4, 1 + m): angles and velocities, link first, and those of the link once more for each motor.
 
+    out         zeros
     step        [s] since the last sample, whose angles and velocities were `before` and `velocities`
     """
-    angles, velocity = np.empty(1 + theta.size), np.zeros(1 + theta.size)
+    angles, velocity = out[0], out[1]
     angles[0], angles[1:] = q, theta
     if 0.0 <= step <= GAP and np.abs(angles).max() <= FURTHEST:  # else a restart, or a measurement fault
-        velocity = low_passed(velocities, before, angles, step, bandwidth)
-    return angles, velocity, np.full(theta.size, q), np.full(theta.size, velocity[0])
+        velocity[:] = low_passed(velocities, before, angles, step, bandwidth)
+    out[2], out[3] = q, velocity[0]

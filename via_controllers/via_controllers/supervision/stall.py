@@ -55,8 +55,8 @@ class StallDetection:
     def step(self, state: Stall, sample: ArmSample, applied: Array | None, longest: float) -> Stall:
         """The next state; `applied` (n,) [N m] acted since the last sample, at most `longest` [s] ago; None: no torque."""
         step = sample.time - state.time
-        moved, travel = _unmoved(state.theta, sample.theta, state.travel)
-        if moved:
+        travel = state.travel.copy()
+        if _forget_moved(travel, state.theta, sample.theta):
             return Stall(sample.time, sample.theta, travel, self._until(state, sample))
         furthest = 0.0
         if applied is not None and 0.0 < step <= longest:
@@ -80,14 +80,14 @@ class StallDetection:
 
 
 @njit(cache=True, error_model="numpy")
-def _unmoved(before: Array, now: Array, travel: Array) -> tuple[bool, Array]:
-    """Whether all positions (n,) have changed, and `travel` (2, n) with zeros for those that have."""
-    out, moved = travel.copy(), 0
+def _forget_moved(travel: Array, before: Array, now: Array) -> bool:
+    """Set `travel` (2, n) to zero where a position (n,) has changed; returns whether all have."""
+    moved = 0
     for i in range(now.size):
         if now[i] != before[i]:
-            out[0, i] = out[1, i] = 0.0
+            travel[0, i] = travel[1, i] = 0.0
             moved += 1
-    return moved == now.size, out
+    return moved == now.size
 
 
 @njit(cache=True, error_model="numpy")

@@ -31,7 +31,7 @@ from via_sim.nodes.effect_services import EffectServices
 from via_sim.nodes.simulation import SimulationNode, TimeParameters
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import MAX_SEED, Simulator, passive_command
+from via_sim.simulate import MAX_SEED, Simulator, finite, passive_command
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,13 @@ class SimulatorNode(SimulationNode[Array]):
         before = self._state
         self._state, self._measured, self._truth = self._simulator.step(before, command)
         self._sent = command[EXTERNAL]
-        if np.isfinite(self._state).all():
+        if finite(self._state):
             return
         self._failures += 1
         self._command = passive_command(self._simulator.plant, before)
         self._sent = self._command[EXTERNAL]
         self._state, self._measured, self._truth = self._simulator.step(before, self._command)
-        if not np.isfinite(self._state).all():
+        if not finite(self._state):
             self._state = self._simulator.init(seed=self._chosen.seed)
             self._measured, self._truth = self._simulator.sample(self._state)
 
