@@ -185,7 +185,9 @@ class Template:
         self._found, _ = _members(message)
         self.doubles = np.frombuffer(self._data, np.float64, (len(self._data) - ENCAPSULATION) // 8, ENCAPSULATION)
         octet = next((name for name, kind in message.get_fields_and_field_types().items() if kind == "uint8"), "")
-        self._sequence, self._octets = (ENCAPSULATION + self._found.get(name, (0, 0))[0] for name in ("sequence", octet))
+        self._sequence, self._octets = (
+            ENCAPSULATION + self._found.get(name, (0, 0))[0] for name in ("sequence", octet)
+        )
 
     def places(self, member: str) -> list[int]:
         """Positions in `doubles` of the doubles of a member."""

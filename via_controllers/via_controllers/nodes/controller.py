@@ -47,13 +47,14 @@ from via_controllers.nodes.samples import sample_reader, time_since
 from via_controllers.robot import ControlledArm, ControlledJoint
 from via_controllers.supervision.arm_limits import Limit
 from via_controllers.supervision.arm_supervision import GAP, Answer, Change
+from via_controllers.supervision.lateness import Lateness
 
 REPORT = 1.0  # [s] between two diagnostics
 SILENCE = 0.02  # [s] without a later stamp after which torque is zero
 STOPPED = "stamps stand still"
 STALLED = "a motor does not follow its torque: its sensor is frozen, or it is blocked"
 LOOK = 0.004  # [s] period of the check for silence
-SAME_CLOCK = 1_000_000_000  # [ns] largest age of a stamp from this machine's clock when silence is noticed
+SAME_CLOCK = 1_000_000_000  # [ns] largest age of a stamp from this machine's clock
 SLOW = f"samples more than {1e3 * GAP:g} ms apart restart the controller: publish /joint_states at 100 Hz or more"
 WARM_UP = 3  # steps before the first sample, to load compiled functions
 
@@ -152,6 +153,7 @@ class ControllerNode(LifecycleNode):
         self._time = np.inf  # [s] of the last usable sample
         self._progress: float | None = None  # [s] steady clock at the last later stamp
         self._silent = True  # the present silence is handled already
+        self._lateness = Lateness()
         self._last: int | None = None  # [ns] stamp of the last sample
         publisher = self._creator(self.create_publisher, self.destroy_publisher)
         self._publish_command = raw(publisher(VsaCommand, self._robot.command_topic, qos.SAMPLES))
@@ -212,7 +214,8 @@ class ControllerNode(LifecycleNode):
             self._stopped += 1
             answer = self._supervisor.passive()
         else:
-            self._state, answer = self._supervisor.step(self._state, sample, self._active)
+            acts = self._acts(stamp, now)
+            self._state, answer = self._supervisor.step(self._state, sample, self._active, acts)
         self._send(stamp, answer.torque)
         self._answered += 1
         self._stalled |= answer.stalled
@@ -226,6 +229,13 @@ class ControllerNode(LifecycleNode):
         if self._answered % self._settings.told_every == 0:
             values = self._supervisor.observe(self._state)
             self._publish_state(self._control_state.message(stamp, answer, values))
+
+    def _acts(self, stamp: int, now: float) -> bool:
+        """Whether the torque for a sample with this stamp [ns] will act."""
+        if not _is_present(stamp):  # simulated time has its own pace
+            return True
+        self._lateness, acts = self._lateness.step(1e-9 * stamp, now)
+        return acts
 
     def _send(self, stamp: int, torque: Array) -> None:
         command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, self._robot.damping, torque)
@@ -319,8 +329,12 @@ def _stamp_now(last: int) -> int:
     Simulated time may stop between two samples: commands stamped later than simulated time would come after the next
     ones, which logs then drop.
     """
-    now = time.time_ns()
-    return now if 0 <= now - last <= SAME_CLOCK else last
+    return time.time_ns() if _is_present(last) else last
+
+
+def _is_present(stamp: int) -> bool:
+    """Whether a stamp [ns] is from this machine's clock, or one near it."""
+    return bool(0 <= time.time_ns() - stamp <= SAME_CLOCK)
 
 
 def _names(limits: Limit) -> str:

@@ -55,7 +55,7 @@ class Supervised:
     deciding: Activity = Activity.PASSIVE  # at the last usable sample
     inner: Any = None  # state of the controller that ran then
     time: float = -np.inf  # [s] of the last usable sample
-    torque: Array | None = None  # (n,) [N m] of the last answer
+    torque: Array | None = None  # (n,) [N m] that acts since then; None: no torque
     stall: Stall | None = None
     active: bool = False
 
@@ -76,8 +76,8 @@ class Supervisor:
         """The state before the first sample."""
         return Supervised()
 
-    def step(self, state: Supervised, sample: ArmSample, active: bool) -> tuple[Supervised, Answer]:
-        """The next state and the torques for `sample`."""
+    def step(self, state: Supervised, sample: ArmSample, active: bool, acts: bool = True) -> tuple[Supervised, Answer]:
+        """The next state and the torques for `sample`; `acts`: whether they will act, or come too late."""
         if not _usable(sample.time, sample.q, sample.theta, sample.q_velocity, sample.theta_velocity):
             return state, replace(self.passive(), unusable=True)
         stall = self._stall(state, sample, active)
@@ -90,7 +90,8 @@ class Supervisor:
         torque, changed = self.limits.kept(sample, out.torque)
         if out.saturated:
             changed = LIMITS[changed | TORQUE]
-        return Supervised(deciding, inner, sample.time, torque, stall, active), Answer(torque, deciding, changed)
+        applied = torque if acts else None
+        return Supervised(deciding, inner, sample.time, applied, stall, active), Answer(torque, deciding, changed)
 
     def passive(self) -> Answer:
         """No torque."""

@@ -74,13 +74,15 @@ class JointSupervisor:
         zeros = locked(np.zeros(1 + self.limits.arm.n), "angles")
         return SupervisedJoint(self.supervisor.init(), -inf, zeros, zeros)
 
-    def step(self, state: SupervisedJoint, sample: JointSample, active: bool) -> tuple[SupervisedJoint, Answer]:
-        """The next state and the torques for `sample`."""
+    def step(
+        self, state: SupervisedJoint, sample: JointSample, active: bool, acts: bool = True
+    ) -> tuple[SupervisedJoint, Answer]:
+        """As `Supervisor.step`."""
         step, out = sample.time - state.time, np.zeros((4, 1 + self.limits.arm.n))
         _move(out, sample.q, sample.theta, step, state.angles, state.velocities, self.velocity_bandwidth)
         angles, velocities, q, q_velocity = out
         motion = ArmSample(sample.time, q[1:], q_velocity[1:], angles[1:], velocities[1:], self._unknown)
-        inner, answer = self.supervisor.step(state.inner, motion, active)
+        inner, answer = self.supervisor.step(state.inner, motion, active, acts)
         if answer.unusable:
             return state, answer
         out.flags.writeable = angles.flags.writeable = velocities.flags.writeable = False
@@ -105,9 +107,7 @@ class JointSupervisor:
 
 
 @njit(cache=True, error_model="numpy")
-def _move(
-    out: Array, q: float, theta: Array, step: float, before: Array, velocities: Array, bandwidth: float
-) -> None:
+def _move(out: Array, q: float, theta: Array, step: float, before: Array, velocities: Array, bandwidth: float) -> None:
     """Write the motion (4, 1 + m): angles and velocities, link first, and those of the link once more for each motor.
 
     out         zeros
