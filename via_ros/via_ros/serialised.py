@@ -25,8 +25,15 @@ from via_core.wire import FIELDS, SECOND
 from via_interfaces.msg import VsaCommand
 
 from via_ros.conversions import (
-    MOST_NAMES, Command, Joints, Names, StateWriter, joints_of, nanoseconds, unchecked_command,
-)  # fmt: skip
+    MOST_NAMES,
+    Command,
+    Joints,
+    Names,
+    StateWriter,
+    joints_of,
+    nanoseconds,
+    unchecked_command,
+)
 from via_ros.interfaces import ENCAPSULATION, HEADER, SEQUENCE, STAMP, aligned, stamp_bytes
 
 NATIVE = b"\x00\x01"  # plain CDR, little endian

@@ -53,7 +53,7 @@ class StallDetection:
         return Stall(sample.time, sample.theta, np.zeros((2, len(sample.theta))))
 
     def step(self, state: Stall, sample: ArmSample, applied: Array | None, longest: float) -> Stall:
-        """The next state; `applied` (n,) [N m] acted since the last sample, at most `longest` [s] ago; None: no torque."""
+        """The next state; `applied` (n,) [N m] acted since the last sample, at most `longest` [s] ago; None: zero."""
         step = sample.time - state.time
         travel = state.travel.copy()
         if _forget_moved(travel, state.theta, sample.theta):

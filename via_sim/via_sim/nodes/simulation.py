@@ -135,7 +135,7 @@ class SimulationNode(Node, Generic[Row]):
 
     @abstractmethod
     def _sample(self, stamp: int) -> None:
-        """Write the present measurements into `_samples`; publish the further topics of the sample of this stamp [ns]."""
+        """Write the present measurements into `_samples`; publish the further topics with this stamp [ns]."""
 
     @abstractmethod
     def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
