@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
@@ -53,21 +53,29 @@ def raw(publisher: Any) -> Callable[[bytes], None]:
     return publish
 
 
-class _Opening(NamedTuple):
-    """Serialised frame_id and joint names of a message, compared at once except for padding."""
+class _Opening:
+    """Serialised frame_id and joint names of a message, compared at once except for padding.
 
-    names: Names
-    content: bytes  # padding zero
-    mask: np.ndarray  # (n,) uint32, zero where padding is
+    content  with zeros as padding
+    mask     (n,) uint32, zero where padding is
+    """
+
+    def __init__(self, names: Names, content: bytes, mask: np.ndarray) -> None:
+        self.names, self.length = names, len(content)
+        self._content, self._mask = content, mask
+        self._latest = content  # with the padding of the last message: a sender seldom changes it
 
     def begins(self, data: bytes) -> bool:
         """Whether a message has the same frame and names; padding can hold any value."""
-        if data.startswith(self.content, AFTER_STAMP):  # padding is usually zero
+        if data.startswith(self._latest, AFTER_STAMP):
             return True
-        if len(data) < AFTER_STAMP + len(self.content):
+        if len(data) < AFTER_STAMP + self.length:
             return False
-        words = np.frombuffer(data, np.uint32, len(self.mask), AFTER_STAMP)
-        return (words & self.mask).tobytes() == self.content
+        words = np.frombuffer(data, np.uint32, len(self._mask), AFTER_STAMP)
+        if (words & self._mask).tobytes() != self._content:
+            return False
+        self._latest = data[AFTER_STAMP : AFTER_STAMP + self.length]
+        return True
 
 
 class JointStateDecoder:
@@ -85,7 +93,7 @@ class JointStateDecoder:
             if not data.startswith(NATIVE):
                 return joints_of(deserialize_message(data, JointState), Names(()))
             opening = self._recognised(data) or self._learn(data)
-            return _joints(data, opening.names, AFTER_STAMP + len(opening.content))
+            return _joints(data, opening.names, AFTER_STAMP + opening.length)
         except (struct.error, ValueError, RuntimeError, MemoryError):
             return None
 
