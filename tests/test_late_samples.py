@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from via_controllers.contract import Controller, JointSample, Torques
 from via_controllers.joint_axes import JointAxes
+from via_controllers.nodes import controller
+from via_controllers.nodes.single import NODES
 from via_controllers.supervision.joint_supervision import JointSupervisor
 from via_controllers.supervision.lateness import DRIFT, LATEST, Lateness
 from via_core.devices import load_device
+from via_ros.conversions import JointStateWriter
+from via_ros.serialised import JointStateBytes
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import Simulator
@@ -86,6 +91,25 @@ def test_a_stall_is_found_after_samples_were_late():
     times = arrivals(1000, (0.0, 0.08))
     stalls = answered(times, known=True, frozen=True)
     assert 0.08 < times[stalls.index(True)] < 0.2
+
+
+@pytest.mark.parametrize(("simulated", "stalled"), [(False, False), (True, True)])
+def test_a_node_judges_lateness_by_stamps_of_its_own_clock(graph, monkeypatch, simulated, stalled):
+    """Samples of 80 ms, answered at once by a node that was busy meanwhile; simulated time may run at any pace."""
+    clock = SimpleNamespace(now=100.0)
+    clock.monotonic = lambda: clock.now
+    clock.time_ns = lambda: 10**18 + round(1e9 * clock.now)
+    node = graph.add(NODES["excitation"], device=DEVICE.name, told_every=1000)
+    monkeypatch.setattr(controller, "time", clock)
+    node._supervisor = JointSupervisor.of(Push(), JointAxes(DEVICE))
+    node._state = node._supervisor.init()
+    writer, first = JointStateWriter(DEVICE), clock.time_ns() - 80_000_000
+    writer.position[:] = 0.0
+    samples = JointStateBytes(writer)
+    for tick in range(80):
+        clock.now += QUICK
+        node._answer(samples.stamped((10**9 if simulated else first) + tick * 10**6))
+    assert node.answered == 80 and node._stalled == stalled
 
 
 def acting(stamps, times):
