@@ -19,7 +19,6 @@ sample that is already answered. Diagnostics name a second commander or a second
 
 from __future__ import annotations
 
-import array
 import time
 from collections.abc import Callable
 from typing import Any
@@ -31,22 +30,19 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
-from via_core.signals import Array
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.conversions import Command
 from via_ros.gate import Gate, RenewedSubscription
-from via_ros.interfaces import stamp_bytes
 from via_ros.parameters import declare
 from via_ros.peers import commanders, drivers, rivalry
-from via_ros.serialised import CommandBytes, JointStateDecoder, Template, raw
+from via_ros.serialised import JointStateDecoder, raw
 from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
+from via_controllers.nodes.answers import AnswerWriter, limit_names
 from via_controllers.nodes.samples import sample_reader, time_since
 from via_controllers.robot import ControlledArm, ControlledJoint
-from via_controllers.supervision.arm_limits import Limit
-from via_controllers.supervision.arm_supervision import GAP, Answer, Change
+from via_controllers.supervision.arm_supervision import GAP, Change
 from via_controllers.supervision.lateness import Lateness
 
 REPORT = 1.0  # [s] between two diagnostics
@@ -142,13 +138,12 @@ class ControllerNode(LifecycleNode):
         self._supervisor = self._robot.supervisor
         self._state = self._supervisor.init()
         _warm_up(self._robot)
-        self._writer = CommandBytes(self._robot.name)
-        self._control_state = _ControlStateWriter(self._robot, self.get_name())
+        self._writer = AnswerWriter(self._robot, self.get_name())
         self._decoder, self._reader = JointStateDecoder(), sample_reader(self._robot)
         self._answered = self._unusable = self._reported = self._silences = self._broken = self._stopped = 0
         self._stalled = False  # since the last report
         self._gate = Gate(self.get_logger())
-        self._limited, self._gaps = Limit.NONE, 0  # since the last report
+        self._limited = self._gaps = 0  # since the last report: bits of Limit, and a number
         self._warned = False  # of the present gaps
         self._time = np.inf  # [s] of the last usable sample
         self._progress: float | None = None  # [s] steady clock at the last later stamp
@@ -216,7 +211,7 @@ class ControllerNode(LifecycleNode):
         else:
             acts = self._acts(stamp, now)
             self._state, answer = self._supervisor.step(self._state, sample, self._active, acts)
-        self._send(stamp, answer.torque)
+        self._publish_command(self._writer.command(stamp, answer.torque))
         self._answered += 1
         self._stalled |= answer.stalled
         if answer.unusable:
@@ -224,11 +219,10 @@ class ControllerNode(LifecycleNode):
         else:
             self._gaps += sample.time - self._time > GAP
             self._time = sample.time
-        if answer.limited:
-            self._limited |= answer.limited
+        self._limited |= int(answer.limited)
         if self._answered % self._settings.told_every == 0:
             values = self._supervisor.observe(self._state)
-            self._publish_state(self._control_state.message(stamp, answer, values))
+            self._publish_state(self._writer.state(stamp, answer, values))
 
     def _acts(self, stamp: int, now: float) -> bool:
         """Whether the torque for a sample with this stamp [ns] will act."""
@@ -237,10 +231,6 @@ class ControllerNode(LifecycleNode):
         self._lateness, acts = self._lateness.step(1e-9 * stamp, now)
         return acts
 
-    def _send(self, stamp: int, torque: Array) -> None:
-        command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, self._robot.damping, torque)
-        self._publish_command(self._writer.numbered(stamp, command))
-
     def _look(self) -> None:
         """Send zero torque once when stamps stop: the last torque then no longer fits the motion."""
         if not self._entities or self._silent or self._progress is None or self._last is None:
@@ -248,7 +238,8 @@ class ControllerNode(LifecycleNode):
         if time.monotonic() - self._progress > SILENCE - LOOK:
             self._silent = True
             self._silences += 1
-            self._send(_stamp_now(self._last), np.zeros(self._supervisor.limits.arm.n))
+            zero = np.zeros(self._supervisor.limits.arm.n)
+            self._publish_command(self._writer.command(_stamp_now(self._last), zero))
 
     def _report(self) -> None:
         if not self._entities:  # the timer was due already when its publisher was destroyed
@@ -267,7 +258,7 @@ class ControllerNode(LifecycleNode):
             STALLED: self._stalled,
             rivalry("commanders", commanding): len(commanding) > 1,
             rivalry("drivers", driving): len(driving) > 1,
-            "at a limit": self._limited != Limit.NONE,
+            "at a limit": self._limited != 0,
         }
         warnings = [text for text, present in conditions.items() if present]
         values = {
@@ -275,11 +266,11 @@ class ControllerNode(LifecycleNode):
             "malformed messages": malformed, "refused messages": self._gate.refused, "gaps": self._gaps,
             "silences": self._silences, "samples with an old stamp": self._stopped,
             "commanders": ", ".join(commanding), "drivers": ", ".join(driving),
-            "limits": _names(self._limited), **self._control_state.limits,
+            "limits": limit_names(self._limited), **self._writer.limits,
         }  # fmt: skip
         if self._gaps and not self._warned:
             self.get_logger().warning(SLOW)
-        self._limited, self._gaps, self._warned = Limit.NONE, 0, self._gaps > 0
+        self._limited, self._gaps, self._warned = 0, 0, self._gaps > 0
         self._stopped, self._stalled = 0, False
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK,
@@ -291,36 +282,6 @@ class ControllerNode(LifecycleNode):
         report = DiagnosticArray(status=[status])
         report.header.stamp = self.get_clock().now().to_msg()
         self._reports.publish(report)
-
-
-class _ControlStateWriter:
-    """Serialised ControlStates, numbered from 0."""
-
-    def __init__(self, robot: ControlledArm | ControlledJoint, method: str) -> None:
-        arm, quantities = robot.supervisor.limits.arm, robot.supervisor.controller.quantities
-        limits = {
-            "torque_limit": arm.torque_limit,
-            "speed_limit": arm.speed_limit,
-            "deflection_limit": arm.deflection_limit,
-        }
-        self.limits = {name: " ".join(f"{value:g}" for value in values) for name, values in limits.items()}
-        message = ControlState(
-            method=method,
-            name=[each.name for each in quantities],
-            unit=[each.unit for each in quantities],
-            value=array.array("d", [np.nan] * len(quantities)),
-            **{name: array.array("d", values) for name, values in limits.items()},
-        )
-        message.header.frame_id = robot.name
-        self._template = Template(message)
-        self._value = self._template.view("value")
-        self._sequence = 0
-
-    def message(self, stamp: int, answer: Answer, values: Array) -> bytes:
-        """The message about the sample with this stamp [ns]."""
-        self._value[:] = values
-        sequence, self._sequence = self._sequence, self._sequence + 1
-        return self._template.numbered(stamp_bytes(stamp), sequence, bytes((answer.activity, answer.limited)))
 
 
 def _stamp_now(last: int) -> int:
@@ -335,10 +296,6 @@ def _stamp_now(last: int) -> int:
 def _is_present(stamp: int) -> bool:
     """Whether a stamp [ns] is from this machine's clock, or one near it."""
     return bool(0 <= time.time_ns() - stamp <= SAME_CLOCK)
-
-
-def _names(limits: Limit) -> str:
-    return ", ".join(each.name.lower() for each in Limit if each and each in limits and each.name) or "none"
 
 
 def _warm_up(robot: ControlledArm | ControlledJoint) -> None:
