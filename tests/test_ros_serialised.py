@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from ros_messages import CommandWriter
 from sensor_msgs.msg import JointState
-from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
-from via_ros.conversions import MOST_NAMES, STAMP, Command, Names, joints_of, nanoseconds, set_stamp
-from via_ros.serialised import CommandBytes, JointStateDecoder, Template, decoded_command
+from via_interfaces.msg import ControlState, DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
+from via_ros.conversions import MOST_NAMES, Command, Names, StateWriter, joints_of, nanoseconds, set_stamp
+from via_ros.interfaces import stamp_bytes
+from via_ros.serialised import CommandBytes, JointStateBytes, JointStateDecoder, Template, decoded_command
 
 TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
 DOUBLES = st.floats(width=64)
@@ -156,19 +157,45 @@ def test_a_template_writes_the_bytes_of_ros(kind, first, second, frame, method, 
     flat = np.array([at for each in places.values() for at in each], dtype=np.intp)
     values = np.array(data.draw(st.lists(DOUBLES, min_size=len(flat), max_size=len(flat))), dtype=np.float64)
     set_stamp(message.header.stamp, stamp)
-    written = template.write(
-        STAMP.pack(message.header.stamp.sec, message.header.stamp.nanosec), sequence, status, flat, values
-    )
+    template.doubles[flat] = values
+    written = template.numbered(stamp_bytes(stamp), sequence, bytes([status]))
     got = deserialize_message(written, kind)
     assert (got.header, got.sequence, got.status, got.method) == (message.header, sequence, status, method)
     assert bits(values) == bits([each for name in doubles for each in np.atleast_1d(getattr(got, name))])
-    assert template.write(bytes(8), 0, 0, flat, values) != written or (stamp, sequence, status) == (0, 0, 0)
+    assert template.numbered(bytes(8), 0, b"\0") != written or (stamp, sequence, status) == (0, 0, 0)
 
 
 @pytest.mark.parametrize("kind", [StiffnessEstimate, DampingEstimate, MotorEstimate])
 def test_written_messages_are_not_overwritten(kind):
     template = Template(kind())
-    nothing = np.array([], dtype=np.intp)
-    first = template.write(bytes(8), 1, 0, nothing, np.empty(0))
-    template.write(bytes(8), 2, 0, nothing, np.empty(0))
+    first = template.numbered(bytes(8), 1, b"\0")
+    template.numbered(bytes(8), 2, b"\0")
     assert deserialize_message(first, kind).sequence == 1
+
+
+@given(st.lists(TEXTS, max_size=3), LENGTHS, TEXTS, STAMPS, st.data())
+def test_a_template_with_lists_of_texts_writes_the_bytes_of_ros(names, motors, frame, stamp, data):
+    message = ControlState(name=names, unit=names, method=frame, torque_limit=[1.0] * motors)
+    message.header.frame_id = frame
+    message.value = array.array("d", data.draw(st.lists(DOUBLES, min_size=len(names), max_size=len(names))))
+    template = Template(message)
+    values = data.draw(st.lists(DOUBLES, min_size=len(names), max_size=len(names)))
+    template.view("value")[:] = values
+    set_stamp(message.header.stamp, stamp)
+    got = deserialize_message(template.numbered(stamp_bytes(stamp), 7, bytes([2, 5])), ControlState)
+    assert (got.header, got.sequence, got.activity, got.limited) == (message.header, 7, 2, 5)
+    assert (got.name, got.unit, got.method, list(got.torque_limit)) == (names, names, frame, [1.0] * motors)
+    assert bits(got.value) == bits(values)
+
+
+@given(TEXTS, st.lists(TEXTS, max_size=4), STAMPS, st.data())
+def test_joint_states_written_as_bytes_are_those_that_ros_writes(frame, names, stamp, data):
+    writer = StateWriter(frame, names)
+    serialised = JointStateBytes(writer)
+    for field in ("position", "velocity", "effort"):
+        getattr(writer, field)[:] = data.draw(st.lists(DOUBLES, min_size=len(names), max_size=len(names)))
+    got = deserialize_message(serialised.stamped(stamp), JointState)
+    expected = writer.stamped(stamp)
+    assert (got.header, got.name) == (expected.header, expected.name)
+    for field in ("position", "velocity", "effort"):
+        assert bits(getattr(got, field)) == bits(getattr(expected, field))

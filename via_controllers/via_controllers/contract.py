@@ -116,7 +116,7 @@ def passive(motors: int) -> Torques:
 
 def limited(torque: Array, limit: Array) -> Torques:
     """`torque` (m,) clipped to +-`limit` (m,), both [N m]; entries that are not finite become zero."""
-    return Torques(*_limited(torque, limit))
+    return Torques(*limited_torque(torque, limit))
 
 
 @njit(cache=True, error_model="numpy")
@@ -131,8 +131,8 @@ def _finite(first: Array, second: Array, third: Array, fourth: Array) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def _limited(torque: Array, limit: Array) -> tuple[Array, bool]:
-    """Clipped torques (m,), and whether one of them was changed."""
+def limited_torque(torque: Array, limit: Array) -> tuple[Array, bool]:
+    """As `limited`, for compiled controllers: torques (m,), and whether one of them was changed."""
     out, saturated = np.zeros(torque.size), False
     for i in range(torque.size):
         if np.isfinite(torque[i]):

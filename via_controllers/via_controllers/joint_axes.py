@@ -42,6 +42,16 @@ class _Springs(NamedTuple):
     stops: Array  # (m,) [rad] largest deflections
 
 
+class _Link(NamedTuple):
+    """The link of a joint, with the damper."""
+
+    inertia: float  # M [kg m^2]
+    friction: float  # Dq [N m s/rad], including a damper on the link
+    gravity: float  # [N m]
+    gravity_angle: float  # [rad]
+    damping: float  # [N m s/rad] of a damper on transmission 1
+
+
 @dataclass(frozen=True, eq=False)
 class JointAxes:
     """The m axes of a device. Raises ParameterError for a device without springs or without torque motors."""
@@ -54,6 +64,7 @@ class JointAxes:
     speed_limit: Array = field(init=False, repr=False)  # (m,) [rad/s]
     deflection_limit: Array = field(init=False, repr=False)  # (m,) [rad]
     _springs: _Springs = field(init=False, repr=False)
+    _link: _Link = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         device = self.device
@@ -73,6 +84,14 @@ class JointAxes:
         kinds, coefficients = (np.array(each) for each in zip(*((s.kind, s.coefficients()) for s in springs)))
         serial = device.arrangement == "serial"
         object.__setattr__(self, "_springs", _Springs(kinds, coefficients, serial, self.deflection_limit))
+        object.__setattr__(self, "_link", self._link_with_damper())
+
+    def _link_with_damper(self) -> _Link:
+        device, link = self.device, self.device.link
+        damping = float(device.damping_of(self.damping))
+        across = device.damper is not None and device.damper.site == "transmission"
+        friction = link.viscous_friction + (0.0 if across else damping)
+        return _Link(link.inertia, friction, link.gravity_torque, link.gravity_angle, damping if across else 0.0)
 
     @property
     def n(self) -> int:
@@ -89,16 +108,9 @@ class JointAxes:
 
     def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
         """tau_e [N m], damper included, and the resulting qdd [rad/s^2], (m,) each."""
-        device, link = self.device, self.device.link
-        torque, friction = self.spring_torque(q[0], theta), link.viscous_friction
-        if device.damper is not None:
-            damping = float(device.damping_of(self.damping))
-            if device.damper.site == "transmission":
-                torque[0] += damping * (velocity[0] - motor_velocity[0])
-            else:
-                friction += damping
-        gravity = link.gravity_torque * sin(q[0] - link.gravity_angle)
-        return torque, np.array([(-torque.sum() - friction * velocity[0] - gravity) / link.inertia] * len(torque))
+        out = np.empty((2, len(theta)))
+        _loads(self._springs, self._link, q, velocity, theta, motor_velocity, out)
+        return out[0], out[1]
 
 
 @njit(cache=True, error_model="numpy")
@@ -111,6 +123,18 @@ def _spring_state(springs: _Springs, q: float, theta: Array) -> Array:
         out[0, i] = spring_torque(springs.kinds[i], springs.coefficients[i], phi, own)
         out[1, i] = spring_stiffness(springs.kinds[i], springs.coefficients[i], phi, own)
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def _loads(
+    springs: _Springs, link: _Link, q: Array, velocity: Array, theta: Array, motor_velocity: Array, out: Array
+) -> None:
+    """Write `JointAxes.loads` into `out` (2, m): returned arrays take longer than the computation."""
+    torque = out[0]
+    torque[:] = _spring_state(springs, q[0], theta)[0]
+    torque[0] += link.damping * (velocity[0] - motor_velocity[0])
+    gravity = link.gravity * sin(q[0] - link.gravity_angle)
+    out[1] = (-torque.sum() - link.friction * velocity[0] - gravity) / link.inertia
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,8 +82,8 @@ class MotorEquation(Equation):
         reach, deflection = FURTHEST * spring.max_deflection, samples.q - angle
         if np.mean(np.abs(deflection) > reach) > 0.5:
             return Share(1.0, np.inf)
-        load = -spring.torque(np.clip(deflection, -reach, reach), angle)
-        sensors, stiffness = self.device.sensors, spring.stiffness(np.clip(deflection, -reach, reach), angle)
+        clipped = np.clip(deflection, -reach, reach)
+        load, stiffness, sensors = -spring.torque(clipped, angle), spring.stiffness(clipped, angle), self.device.sensors
         step, link = sensors.motor_quantum or 0.0, sensors.link_quantum or 0.0
         coarse = sqrt(float(np.nanmean(stiffness**2)) * (step * step + link * link) / 12.0) if len(angle) else 0.0
         columns = finite_columns(samples.time, samples.torque[:, self.drive], angle, deflection, load)

@@ -189,11 +189,6 @@ class Checked(Wrapped):
     def _head(self, state: Array) -> Array:
         return state[self._size : self._size + HEAD.size]
 
-    def _before(self, state: Array) -> Array:
-        """The view (1 + k,) of the last valid number of each column."""
-        at, columns = self._size + HEAD.size, 1 + len(self.inputs)
-        return state[at + columns : at + 2 * columns]
-
     def _ring(self, state: Array) -> Array:
         """The view (kept, 1 + k) of the samples kept."""
         return state[state.size - self._kept * (1 + len(self.inputs)) :].reshape(self._kept, -1)
@@ -220,7 +215,7 @@ class Checked(Wrapped):
         """The kernel: rows up to the next comparison at a time."""
         size, at, count = self._size, 0, len(rows)
         inner, advance, constants = state[:size], self.inner._advance, self._constants
-        _refuse_steps(self._before(state), rows, *self._steps)
+        _refuse_steps(state, size, rows, *self._steps)
         while at < count:
             end = _until(state, size, rows, at, constants[0], self._interval) if count > 1 else 1
             whole = end - at == count
@@ -244,8 +239,10 @@ class Checked(Wrapped):
 
 
 @njit(cache=True, error_model="numpy")
-def _refuse_steps(before: Array, rows: Array, step: Array, rate: Array) -> None:
-    """Write NaN in place of numbers that differ by more than `step + rate dt` (1 + k,) from those `before` (1 + k,)."""
+def _refuse_steps(state: Array, size: int, rows: Array, step: Array, rate: Array) -> None:
+    """Write NaN in place of numbers that differ by more than `step + rate dt` (1 + k,) from the last valid ones."""
+    width = rows.shape[1]
+    before = state[size + HEAD.size + width : size + HEAD.size + 2 * width]
     for k in range(rows.shape[0]):
         row = rows[k]
         if not np.isfinite(row[0]):

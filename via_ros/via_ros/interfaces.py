@@ -44,6 +44,11 @@ def stamp_of(data: bytes) -> int | None:
     return int(seconds * SECOND + nanoseconds)
 
 
+def stamp_bytes(time: int) -> bytes:
+    """The serialised stamp of `time` [ns]; seconds are rounded down, so that nanosec is not negative."""
+    return STAMP.pack(*divmod(time, SECOND))
+
+
 def opening_of(data: bytes) -> tuple[int, int] | None:
     """Stamp [ns] and sequence of a serialised message of a NUMBERED type (CDR, little endian); None: too short."""
     try:

@@ -22,7 +22,7 @@ from via_core.signals import Array, locked
 from via_core.spring_equations import spring_torque
 from via_core.springs import SpringLaw
 
-from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require
+from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited_torque, passive, require
 from via_controllers.joints.multisine import Multisine, multisine
 from via_controllers.low_pass import low_passed
 
@@ -53,6 +53,7 @@ class _Constants(NamedTuple):
     proportional_gain: float
     derivative_gain: float
     velocity_bandwidth: float
+    torque_limit: Array  # (2,) [N m]
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,7 @@ class MotorPositionControl(Controller[MotorPositionState]):
             float(self.proportional_gain),
             float(self.derivative_gain),
             float(self.velocity_bandwidth),
+            np.array(self.torque_limit, dtype=np.float64),
         )
 
     def init(self) -> MotorPositionState:
@@ -112,18 +114,20 @@ class MotorPositionControl(Controller[MotorPositionState]):
         return np.asarray(_references(self._constants, float(time), origin))
 
     def step(self, state: MotorPositionState, sample: JointSample) -> tuple[MotorPositionState, Torques]:
-        if not (isfinite(sample.time) and np.abs(sample.theta).max() < LARGEST):  # the link angle is not used
+        # The link angle is not used.
+        if not (isfinite(sample.time) and all(abs(angle) < LARGEST for angle in sample.theta.tolist())):
             return state, passive(2)
-        theta = locked(sample.theta, "theta")
+        theta = sample.theta.copy()
+        theta.flags.writeable = False
         if isnan(state.start):
             state = MotorPositionState(sample.time, theta, sample.time, theta, state.velocity, state.reference)
         elapsed, step = sample.time - state.start, sample.time - state.time
-        reference, velocity, torque = _step(
-            self._constants, elapsed, step, state.origin, state.theta, state.velocity, theta
-        )
-        reference.flags.writeable = velocity.flags.writeable = False
+        out = np.empty((3, 2))
+        saturated = _step(self._constants, elapsed, step, state.origin, state.theta, state.velocity, theta, out)
+        reference, velocity, torque = out
+        out.flags.writeable = reference.flags.writeable = velocity.flags.writeable = False
         after = MotorPositionState(state.start, state.origin, sample.time, theta, velocity, reference)
-        return after, limited(torque, np.asarray(self.torque_limit))
+        return after, Torques(torque, saturated)
 
 
 @njit(cache=True, error_model="numpy")
@@ -139,9 +143,13 @@ def _references(given: _Constants, time: float, origin: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _step(
-    given: _Constants, elapsed: float, step: float, origin: Array, before: Array, velocity: Array, theta: Array
-) -> tuple[Array, Array, Array]:
-    """References, velocities and torques (2,) each, from motor angles `theta` `step` [s] after `before`."""
+    given: _Constants, elapsed: float, step: float, origin: Array, before: Array, velocity: Array, theta: Array,
+    out: Array,
+) -> bool:  # fmt: skip
+    """Write references, velocities and limited torques into `out` (3, 2); returns whether a torque was cut.
+
+    `theta` are the motor angles `step` [s] after `before`. Returned arrays would take longer than the computation.
+    """
     reference = _references(given, elapsed, origin)
     moving = low_passed(velocity, before, theta, step, given.velocity_bandwidth)
     x = 0.5 * (reference[0] + reference[1])
@@ -150,4 +158,6 @@ def _step(
         tau_0 = -spring_torque(given.kinds[i], given.coefficients[i], x - reference[i], 0.0)
         error = theta[i] - reference[i]
         torque[i] = tau_0 - given.derivative_gain * moving[i] - given.proportional_gain * error
-    return reference, moving, torque
+    out[0], out[1] = reference, moving
+    out[2], saturated = limited_torque(torque, given.torque_limit)
+    return saturated

@@ -19,7 +19,6 @@ sample that is already answered. Diagnostics name a second commander or a second
 
 from __future__ import annotations
 
-import array
 import time
 from collections.abc import Callable
 from typing import Any
@@ -31,28 +30,27 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
-from via_core.signals import Array
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.conversions import Command, set_stamp
 from via_ros.gate import Gate, RenewedSubscription
 from via_ros.parameters import declare
 from via_ros.peers import commanders, drivers, rivalry
-from via_ros.serialised import CommandBytes, JointStateDecoder
+from via_ros.serialised import JointStateDecoder, raw
 from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
+from via_controllers.nodes.answers import AnswerWriter, limit_names
 from via_controllers.nodes.samples import sample_reader, time_since
 from via_controllers.robot import ControlledArm, ControlledJoint
-from via_controllers.supervision.arm_limits import Limit
-from via_controllers.supervision.arm_supervision import GAP, Answer, Change
+from via_controllers.supervision.arm_supervision import GAP, Change
+from via_controllers.supervision.lateness import Lateness
 
 REPORT = 1.0  # [s] between two diagnostics
 SILENCE = 0.02  # [s] without a later stamp after which torque is zero
 STOPPED = "stamps stand still"
 STALLED = "a motor does not follow its torque: its sensor is frozen, or it is blocked"
 LOOK = 0.004  # [s] period of the check for silence
-SAME_CLOCK = 1_000_000_000  # [ns] largest age of a stamp from this machine's clock when silence is noticed
+SAME_CLOCK = 1_000_000_000  # [ns] largest age of a stamp from this machine's clock
 SLOW = f"samples more than {1e3 * GAP:g} ms apart restart the controller: publish /joint_states at 100 Hz or more"
 WARM_UP = 3  # steps before the first sample, to load compiled functions
 
@@ -140,21 +138,21 @@ class ControllerNode(LifecycleNode):
         self._supervisor = self._robot.supervisor
         self._state = self._supervisor.init()
         _warm_up(self._robot)
-        self._writer = CommandBytes(self._robot.name)
-        self._control_state = _ControlStateWriter(self._robot, self.get_name())
+        self._writer = AnswerWriter(self._robot, self.get_name())
         self._decoder, self._reader = JointStateDecoder(), sample_reader(self._robot)
         self._answered = self._unusable = self._reported = self._silences = self._broken = self._stopped = 0
         self._stalled = False  # since the last report
         self._gate = Gate(self.get_logger())
-        self._limited, self._gaps = Limit.NONE, 0  # since the last report
+        self._limited = self._gaps = 0  # since the last report: bits of Limit, and a number
         self._warned = False  # of the present gaps
         self._time = np.inf  # [s] of the last usable sample
         self._progress: float | None = None  # [s] steady clock at the last later stamp
         self._silent = True  # the present silence is handled already
+        self._lateness = Lateness()
         self._last: int | None = None  # [ns] stamp of the last sample
         publisher = self._creator(self.create_publisher, self.destroy_publisher)
-        self._commands = publisher(VsaCommand, self._robot.command_topic, qos.SAMPLES)
-        self._states = publisher(ControlState, f"/{self._robot.name}/control", qos.SAMPLES)
+        self._publish_command = raw(publisher(VsaCommand, self._robot.command_topic, qos.SAMPLES))
+        self._publish_state = raw(publisher(ControlState, f"/{self._robot.name}/control", qos.SAMPLES))
         self._reports = publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         timer = self._creator(self.create_timer, self.destroy_timer)
         timer(REPORT, self._report, clock=STEADY)
@@ -211,8 +209,9 @@ class ControllerNode(LifecycleNode):
             self._stopped += 1
             answer = self._supervisor.passive()
         else:
-            self._state, answer = self._supervisor.step(self._state, sample, self._active)
-        self._send(stamp, answer.torque)
+            acts = self._acts(stamp, now)
+            self._state, answer = self._supervisor.step(self._state, sample, self._active, acts)
+        self._publish_command(self._writer.command(stamp, answer.torque))
         self._answered += 1
         self._stalled |= answer.stalled
         if answer.unusable:
@@ -220,14 +219,17 @@ class ControllerNode(LifecycleNode):
         else:
             self._gaps += sample.time - self._time > GAP
             self._time = sample.time
-        self._limited |= answer.limited
+        self._limited |= int(answer.limited)
         if self._answered % self._settings.told_every == 0:
             values = self._supervisor.observe(self._state)
-            self._states.publish(self._control_state.message(stamp, answer, values))
+            self._publish_state(self._writer.state(stamp, answer, values))
 
-    def _send(self, stamp: int, torque: Array) -> None:
-        command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, self._robot.damping, torque)
-        self._commands.publish(self._writer.numbered(stamp, command))
+    def _acts(self, stamp: int, now: float) -> bool:
+        """Whether the torque for a sample with this stamp [ns] will act."""
+        if not _is_present(stamp):  # simulated time has its own pace
+            return True
+        self._lateness, acts = self._lateness.step(1e-9 * stamp, now)
+        return acts
 
     def _look(self) -> None:
         """Send zero torque once when stamps stop: the last torque then no longer fits the motion."""
@@ -236,7 +238,8 @@ class ControllerNode(LifecycleNode):
         if time.monotonic() - self._progress > SILENCE - LOOK:
             self._silent = True
             self._silences += 1
-            self._send(_stamp_now(self._last), np.zeros(self._supervisor.limits.arm.n))
+            zero = np.zeros(self._supervisor.limits.arm.n)
+            self._publish_command(self._writer.command(_stamp_now(self._last), zero))
 
     def _report(self) -> None:
         if not self._entities:  # the timer was due already when its publisher was destroyed
@@ -255,7 +258,7 @@ class ControllerNode(LifecycleNode):
             STALLED: self._stalled,
             rivalry("commanders", commanding): len(commanding) > 1,
             rivalry("drivers", driving): len(driving) > 1,
-            "at a limit": self._limited != Limit.NONE,
+            "at a limit": self._limited != 0,
         }
         warnings = [text for text, present in conditions.items() if present]
         values = {
@@ -263,11 +266,11 @@ class ControllerNode(LifecycleNode):
             "malformed messages": malformed, "refused messages": self._gate.refused, "gaps": self._gaps,
             "silences": self._silences, "samples with an old stamp": self._stopped,
             "commanders": ", ".join(commanding), "drivers": ", ".join(driving),
-            "limits": _names(self._limited), **self._control_state.limits,
+            "limits": limit_names(self._limited), **self._writer.limits,
         }  # fmt: skip
         if self._gaps and not self._warned:
             self.get_logger().warning(SLOW)
-        self._limited, self._gaps, self._warned = Limit.NONE, 0, self._gaps > 0
+        self._limited, self._gaps, self._warned = 0, 0, self._gaps > 0
         self._stopped, self._stalled = 0, False
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK,
@@ -281,50 +284,18 @@ class ControllerNode(LifecycleNode):
         self._reports.publish(report)
 
 
-class _ControlStateWriter:
-    """One reused ControlState message, numbered from 0."""
-
-    def __init__(self, robot: ControlledArm | ControlledJoint, method: str) -> None:
-        arm, quantities = robot.supervisor.limits.arm, robot.supervisor.controller.quantities
-        limits = {
-            "torque_limit": arm.torque_limit,
-            "speed_limit": arm.speed_limit,
-            "deflection_limit": arm.deflection_limit,
-        }
-        self.limits = {name: " ".join(f"{value:g}" for value in values) for name, values in limits.items()}
-        self._message = ControlState(
-            method=method,
-            name=[each.name for each in quantities],
-            unit=[each.unit for each in quantities],
-            value=array.array("d", [np.nan] * len(quantities)),
-            **{name: array.array("d", values) for name, values in limits.items()},
-        )
-        self._message.header.frame_id = robot.name
-        self._value: Array = np.frombuffer(self._message.value)
-        self._sequence = 0
-
-    def message(self, stamp: int, answer: Answer, values: Array) -> ControlState:
-        """The message about the sample with this stamp [ns]."""
-        message = self._message
-        set_stamp(message.header.stamp, stamp)
-        message.sequence, self._sequence = self._sequence, self._sequence + 1
-        message.activity, message.limited = int(answer.activity), int(answer.limited)
-        self._value[:] = values
-        return message
-
-
 def _stamp_now(last: int) -> int:
     """Time now [ns] if stamps are from this machine's clock, else the `last` stamp.
 
     Simulated time may stop between two samples: commands stamped later than simulated time would come after the next
     ones, which logs then drop.
     """
-    now = time.time_ns()
-    return now if 0 <= now - last <= SAME_CLOCK else last
+    return time.time_ns() if _is_present(last) else last
 
 
-def _names(limits: Limit) -> str:
-    return ", ".join(each.name.lower() for each in Limit if each and each in limits and each.name) or "none"
+def _is_present(stamp: int) -> bool:
+    """Whether a stamp [ns] is from this machine's clock, or one near it."""
+    return bool(0 <= time.time_ns() - stamp <= SAME_CLOCK)
 
 
 def _warm_up(robot: ControlledArm | ControlledJoint) -> None:

@@ -39,6 +39,9 @@ class Limit(IntFlag):
     DEFLECTION = DEFLECTION
 
 
+LIMITS = tuple(Limit(bits) for bits in range(8))  # by their bits: Limit(bits) would be slow
+
+
 class LimitedArm(Protocol):
     """Data of n flexible joints, e.g. `via_core.vsa_arms.VsaArm`."""
 
@@ -113,17 +116,21 @@ class ArmLimits:
 
     def kept(self, sample: ArmSample, torque: Array) -> tuple[Array, Limit]:
         """The torques (n,) [N m] closest to `torque` that respect the limits, and the limits that changed them."""
-        if not np.isfinite(torque).all():
-            return np.zeros(self.arm.n), Limit.TORQUE
         tau_e, acceleration = self.arm.loads(sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
-        out = np.array(torque)
         motion = _Motion(sample.q, sample.q_velocity, acceleration, sample.theta, sample.theta_velocity, tau_e)
-        return out, Limit(_keep(out, motion, self._motors, self.speed_time, self.deflection_rate))
+        out = np.array(torque, dtype=np.float64)
+        return out, LIMITS[_keep(out, motion, self._motors, self.speed_time, self.deflection_rate)]
 
 
 @njit(cache=True, error_model="numpy")
 def _keep(torque: Array, motion: _Motion, motors: _Motors, T: float, k: float) -> int:
-    """Clip `torque` (n,) in place to its windows; returns the bits of Limit that changed it."""
+    """Clip `torque` (n,) in place to its windows; returns the bits of Limit that changed it.
+
+    Where a torque is not finite, all are zero.
+    """
+    if not np.isfinite(torque).all():
+        torque[:] = 0.0
+        return TORQUE
     changed = 0
     for i in range(torque.size):
         speed, inertia = motion.speed[i], motors.inertia[i]

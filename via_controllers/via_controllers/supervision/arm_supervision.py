@@ -21,7 +21,7 @@ from numba import njit
 from via_core.signals import Array
 
 from via_controllers.contract import ArmController, ArmSample
-from via_controllers.supervision.arm_limits import ArmLimits, Limit
+from via_controllers.supervision.arm_limits import LIMITS, TORQUE, ArmLimits, Limit
 from via_controllers.supervision.stall import Stall, StallDetection
 
 GAP = 0.02  # [s] between two samples after which a controller restarts
@@ -55,7 +55,7 @@ class Supervised:
     deciding: Activity = Activity.PASSIVE  # at the last usable sample
     inner: Any = None  # state of the controller that ran then
     time: float = -np.inf  # [s] of the last usable sample
-    torque: Array | None = None  # (n,) [N m] of the last answer
+    torque: Array | None = None  # (n,) [N m] that acts since then; None: no torque
     stall: Stall | None = None
     active: bool = False
 
@@ -76,9 +76,9 @@ class Supervisor:
         """The state before the first sample."""
         return Supervised()
 
-    def step(self, state: Supervised, sample: ArmSample, active: bool) -> tuple[Supervised, Answer]:
-        """The next state and the torques for `sample`."""
-        if not _usable(sample):
+    def step(self, state: Supervised, sample: ArmSample, active: bool, acts: bool = True) -> tuple[Supervised, Answer]:
+        """The next state and the torques for `sample`; `acts`: whether they will act, or come too late."""
+        if not _usable(sample.time, sample.q, sample.theta, sample.q_velocity, sample.theta_velocity):
             return state, replace(self.passive(), unusable=True)
         stall = self._stall(state, sample, active)
         if self._stalls.holds(stall):
@@ -89,8 +89,9 @@ class Supervisor:
         inner, out = controller.step(state.inner if continued else controller.init(sample), sample)
         torque, changed = self.limits.kept(sample, out.torque)
         if out.saturated:
-            changed |= Limit.TORQUE
-        return Supervised(deciding, inner, sample.time, torque, stall, active), Answer(torque, deciding, changed)
+            changed = LIMITS[changed | TORQUE]
+        applied = torque if acts else None
+        return Supervised(deciding, inner, sample.time, applied, stall, active), Answer(torque, deciding, changed)
 
     def passive(self) -> Answer:
         """No torque."""
@@ -99,8 +100,7 @@ class Supervisor:
     def _stall(self, state: Supervised, sample: ArmSample, active: bool) -> Stall:
         if state.stall is None or active != state.active:
             return self._stalls.init(sample)
-        torque = np.zeros(len(sample.theta)) if state.torque is None else state.torque
-        return self._stalls.step(state.stall, sample, torque, GAP)
+        return self._stalls.step(state.stall, sample, state.torque, GAP)
 
     def updated(self, state: Supervised, change: Change) -> Supervised:
         """`state` with `change` applied to the controller's state; unchanged while the controller is not active."""
@@ -113,16 +113,11 @@ class Supervisor:
         return np.full(len(self.controller.quantities), np.nan)
 
 
-def _usable(sample: ArmSample) -> bool:
-    if not sample.valid:
-        return False
-    return _near(sample.q, sample.theta, FURTHEST) and _near(sample.q_velocity, sample.theta_velocity, FASTEST)
-
-
 @njit(cache=True, error_model="numpy")
-def _near(first: Array, second: Array, most: float) -> bool:
-    """Whether no entry of either array exceeds `most`."""
-    furthest = 0.0
-    for i in range(first.size):
-        furthest = max(furthest, abs(first[i]), abs(second[i]))
-    return furthest <= most
+def _usable(time: float, q: Array, theta: Array, q_velocity: Array, theta_velocity: Array) -> bool:
+    """Whether all values are finite and possible."""
+    usable = np.isfinite(time)
+    for i in range(q.size):
+        usable &= abs(q[i]) <= FURTHEST and abs(theta[i]) <= FURTHEST
+        usable &= abs(q_velocity[i]) <= FASTEST and abs(theta_velocity[i]) <= FASTEST
+    return bool(usable)

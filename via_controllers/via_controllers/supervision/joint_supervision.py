@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, nan
 from typing import Any
 
 import numpy as np
+from numba import njit
 from via_core.signals import Array, locked
 
 from via_controllers.contract import ArmController, ArmSample, Controller, JointSample, require_positive
@@ -72,16 +74,19 @@ class JointSupervisor:
         zeros = locked(np.zeros(1 + self.limits.arm.n), "angles")
         return SupervisedJoint(self.supervisor.init(), -inf, zeros, zeros)
 
-    def step(self, state: SupervisedJoint, sample: JointSample, active: bool) -> tuple[SupervisedJoint, Answer]:
-        """The next state and the torques for `sample`."""
-        angles, n = np.array([sample.q, *sample.theta]), self.limits.arm.n
-        velocities = self._velocities(state, sample.time, angles)
-        q, q_velocity, unknown = (np.array([value] * n) for value in (angles[0], velocities[0], nan))
-        motion = ArmSample(sample.time, q, q_velocity, angles[1:], velocities[1:], unknown)
-        inner, answer = self.supervisor.step(state.inner, motion, active)
+    def step(
+        self, state: SupervisedJoint, sample: JointSample, active: bool, acts: bool = True
+    ) -> tuple[SupervisedJoint, Answer]:
+        """As `Supervisor.step`."""
+        step, out = sample.time - state.time, np.zeros((4, 1 + self.limits.arm.n))
+        _move(out, sample.q, sample.theta, step, state.angles, state.velocities, self.velocity_bandwidth)
+        angles, velocities, q, q_velocity = out
+        motion = ArmSample(sample.time, q[1:], q_velocity[1:], angles[1:], velocities[1:], self._unknown)
+        inner, answer = self.supervisor.step(state.inner, motion, active, acts)
         if answer.unusable:
             return state, answer
-        return SupervisedJoint(inner, sample.time, locked(angles, "angles"), locked(velocities, "velocities")), answer
+        out.flags.writeable = angles.flags.writeable = velocities.flags.writeable = False
+        return SupervisedJoint(inner, sample.time, angles, velocities), answer
 
     def passive(self) -> Answer:
         """No torque."""
@@ -95,8 +100,21 @@ class JointSupervisor:
         """Quantities (k,) of the controller, NaN while it is not active."""
         return self.supervisor.observe(state.inner)
 
-    def _velocities(self, state: SupervisedJoint, time: float, angles: Array) -> Array:
-        step = time - state.time
-        if not (0.0 <= step <= GAP and np.abs(angles).max() <= FURTHEST):  # restart, or a measurement fault
-            return np.zeros(1 + self.limits.arm.n)
-        return low_passed(state.velocities, state.angles, angles, step, self.velocity_bandwidth)
+    @cached_property
+    def _unknown(self) -> Array:
+        """Torques (m,) of sensors, which joints do not have."""
+        return locked(np.full(self.limits.arm.n, nan), "spring_torque")
+
+
+@njit(cache=True, error_model="numpy")
+def _move(out: Array, q: float, theta: Array, step: float, before: Array, velocities: Array, bandwidth: float) -> None:
+    """Write the motion (4, 1 + m): angles and velocities, link first, and those of the link once more for each motor.
+
+    out         zeros
+    step        [s] since the last sample, whose angles and velocities were `before` and `velocities`
+    """
+    angles, velocity = out[0], out[1]
+    angles[0], angles[1:] = q, theta
+    if 0.0 <= step <= GAP and np.abs(angles).max() <= FURTHEST:  # else a restart, or a measurement fault
+        velocity[:] = low_passed(velocities, before, angles, step, bandwidth)
+    out[2], out[3] = q, velocity[0]

@@ -52,17 +52,18 @@ class StallDetection:
         """The state at the first sample."""
         return Stall(sample.time, sample.theta, np.zeros((2, len(sample.theta))))
 
-    def step(self, state: Stall, sample: ArmSample, applied: Array, longest: float) -> Stall:
-        """The next state; `applied` (n,) [N m] acted since the last sample, at most `longest` [s] ago."""
-        moved, step = sample.theta != state.theta, sample.time - state.time
-        if moved.all():
-            return Stall(sample.time, sample.theta, np.zeros((2, len(moved))), self._until(state, sample))
-        travel = np.where(moved, 0.0, state.travel)
-        if 0.0 < step <= longest and applied.any():
-            arm, zeros = self.arm, np.zeros(len(moved))
+    def step(self, state: Stall, sample: ArmSample, applied: Array | None, longest: float) -> Stall:
+        """The next state; `applied` (n,) [N m] acted since the last sample, at most `longest` [s] ago; None: zero."""
+        step = sample.time - state.time
+        travel = state.travel.copy()
+        if _forget_moved(travel, state.theta, sample.theta):
+            return Stall(sample.time, sample.theta, travel, self._until(state, sample))
+        furthest = 0.0
+        if applied is not None and 0.0 < step <= longest:
+            arm, zeros = self.arm, np.zeros(len(applied))
             tau_e, _ = arm.loads(sample.q, zeros, sample.theta, zeros)
-            _move(travel, step, applied, tau_e, arm.motor_inertia, arm.motor_friction, arm.torque_limit)
-        if np.abs(travel[0]).max() <= TRAVEL:
+            furthest = _move(travel, step, applied, tau_e, arm.motor_inertia, arm.motor_friction, arm.torque_limit)
+        if furthest <= TRAVEL:
             return Stall(sample.time, sample.theta, travel, self._until(state, sample), state.rest)
         rest = min(2.0 * state.rest, LONGEST_REST)
         return Stall(sample.time, sample.theta, np.zeros_like(travel), sample.time + state.rest, rest)
@@ -79,15 +80,30 @@ class StallDetection:
 
 
 @njit(cache=True, error_model="numpy")
+def _forget_moved(travel: Array, before: Array, now: Array) -> bool:
+    """Set `travel` (2, n) to zero where a position (n,) has changed; returns whether all have."""
+    moved = 0
+    for i in range(now.size):
+        if now[i] != before[i]:
+            travel[0, i] = travel[1, i] = 0.0
+            moved += 1
+    return moved == now.size
+
+
+@njit(cache=True, error_model="numpy")
 def _move(
     travel: Array, step: float, torque: Array, tau_e: Array, inertia: Array, friction: Array, limit: Array
-) -> None:
-    """Advance `travel` (2, n) in place."""
+) -> float:
+    """Advance `travel` (2, n) in place, unless all torques are zero; returns the largest one [rad]."""
+    furthest, acts = 0.0, torque.any()
     for i in range(torque.size):
         held = ERROR * (abs(torque[i]) + abs(tau_e[i]))
         if np.isfinite(limit[i]):
             held += FRICTION * limit[i]
         net = torque[i] + tau_e[i]
         net = net - held if net > held else net + held if net < -held else 0.0
-        travel[1, i] = (travel[1, i] + step * net / inertia[i]) / (1.0 + step * friction[i] / inertia[i])
-        travel[0, i] += step * travel[1, i]
+        if acts:
+            travel[1, i] = (travel[1, i] + step * net / inertia[i]) / (1.0 + step * friction[i] / inertia[i])
+            travel[0, i] += step * travel[1, i]
+        furthest = max(furthest, abs(travel[0, i]))
+    return furthest

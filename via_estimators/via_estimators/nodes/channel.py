@@ -12,7 +12,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate
 from via_ros import qos
-from via_ros.serialised import Template
+from via_ros.serialised import Template, raw
 
 from via_estimators.contract import Estimator, Live
 
@@ -53,14 +53,16 @@ class EstimatorChannel:
         self.device, self.method, self.live = device, method, Live(estimator)
         self.sequence = self._reported = self._spent = 0
         self._logger, self._told = node.get_logger(), set[str]()
-        self._outputs = []
+        self._outputs, topics = [], []
         for name, (kind, members) in MESSAGES.items():
             message = kind(method=method)
             message.header.frame_id = device.name
             output = _Output(message, members, estimator.outputs)
             if output.used:
-                self._outputs.append((output, node.create_publisher(kind, f"{topic}/{name}", qos.SAMPLES)))
-        self.topics = ", ".join(publisher.topic_name for _, publisher in self._outputs)
+                publisher = node.create_publisher(kind, f"{topic}/{name}", qos.SAMPLES)
+                topics.append(publisher.topic_name)
+                self._outputs.append((output, raw(publisher)))
+        self.topics = ", ".join(topics)
         # An invalid sample loads the compiled kernel before the first valid one arrives.
         self.live.take(np.full((1, 1 + len(estimator.inputs)), np.nan))
         self.live.health()  # its first call takes several periods of a loop at 1 kHz
@@ -72,8 +74,8 @@ class EstimatorChannel:
         begin = perf_counter_ns()
         status = self.live.take(row)
         self._spent += perf_counter_ns() - begin
-        for output, publisher in self._outputs:
-            publisher.publish(output.write(stamp, self.sequence, status, self.live.numbers))
+        for output, publish in self._outputs:
+            publish(output.write(stamp, self.sequence, status, self.live.numbers))
         self.sequence += 1
 
     def restart(self) -> int:
@@ -120,4 +122,5 @@ class _Output:
 
     def write(self, stamp: bytes, sequence: int, status: int, numbers: Array) -> bytes:
         """The message of numbers (2k,): values, then standard deviations."""
-        return self._template.write(stamp, sequence, status, self._places, numbers[self._sources])
+        self._template.doubles[self._places] = numbers[self._sources]
+        return self._template.numbered(stamp, sequence, bytes((status,)))

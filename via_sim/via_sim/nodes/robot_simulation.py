@@ -20,7 +20,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError
 from via_core.parameters import parameter
 from via_core.signals import Array
@@ -110,7 +109,7 @@ class RobotSimulationNode(SimulationNode[Array]):
             after = self._body.stopped(self._state)
         self._state = after
 
-    def _sample(self, stamp: int) -> JointState:
+    def _sample(self, stamp: int) -> None:
         if self._contacts.get_subscription_count():
             set_stamp(self._contact.header.stamp, stamp)
             force = self._contact.wrench.force
@@ -130,7 +129,6 @@ class RobotSimulationNode(SimulationNode[Array]):
         if self._chosen.torque_sensors:
             noise = self._noise.normal(0.0, self._chosen.torque_noise, self._count)
             samples.effort[links] = self._body.spring_torque(state) + noise
-        return samples.stamped(stamp)
 
     def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
         held = self._held_until > 0

@@ -40,7 +40,7 @@ from via_ros import qos
 from via_ros.conversions import Command, set_stamp
 from via_ros.gate import Gate, RenewedSubscription
 from via_ros.peers import CommandOrigin, DriverOrigin, commanders, drivers, rivalry
-from via_ros.serialised import decoded_command
+from via_ros.serialised import JointStateBytes, decoded_command, raw
 from via_ros.spin import STEADY
 
 from via_sim.nodes.round_trips import RoundTrips
@@ -86,6 +86,7 @@ class SimulationNode(Node, Generic[Row]):
         self._polls = self._reported = 0
         self._epoch, self._began = EPOCH, 0  # [ns] stamp and steady time of sample 0
         self._joint_states = self.create_publisher(JointState, "/joint_states", qos.SAMPLES)
+        self._publish_sample = raw(self._joint_states)
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self._clock_message = ClockMessage()
         self._clock_publisher: Any = None
@@ -105,6 +106,7 @@ class SimulationNode(Node, Generic[Row]):
             self._clock_publisher = self.create_publisher(ClockMessage, "/clock", qos.CONTROL)
         self._commands = RenewedSubscription(self, VsaCommand, command_topic, self._take, qos.LOOP)
         self._commanders = CommandOrigin()
+        self._serialised = JointStateBytes(self._samples)
         self._drivers = DriverOrigin(self, "/joint_states", command_topic, self._samples.names)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(POLL, self._poll, clock=STEADY)
@@ -132,8 +134,8 @@ class SimulationNode(Node, Generic[Row]):
         """Simulate one tick under a command."""
 
     @abstractmethod
-    def _sample(self, stamp: int) -> JointState:
-        """The present measurements with a stamp [ns]; publishes the further topics of the sample."""
+    def _sample(self, stamp: int) -> None:
+        """Write the present measurements into `_samples`; publish the further topics with this stamp [ns]."""
 
     @abstractmethod
     def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
@@ -180,7 +182,7 @@ class SimulationNode(Node, Generic[Row]):
         elif self._times.mode == "lockstep" and self._polls >= REPEAT:
             self._polls = 0
             self._repeats += 1
-            self._joint_states.publish(self._last_sample)
+            self._publish_sample(self._last_sample)
 
     def _is_connected(self) -> bool:
         """Whether the required listeners are there and every known peer of our topics is connected."""
@@ -256,10 +258,11 @@ class SimulationNode(Node, Generic[Row]):
         if self._clock_publisher is not None:
             set_stamp(self._clock_message.clock, stamp)
             self._clock_publisher.publish(self._clock_message)
-        self._last_sample = self._sample(stamp)
+        self._sample(stamp)
+        self._last_sample = self._serialised.stamped(stamp)
         self._drivers.sent(stamp)
         self.round_trips.sent(stamp)
-        self._joint_states.publish(self._last_sample)
+        self._publish_sample(self._last_sample)
 
     # ---- commands
 
@@ -269,7 +272,7 @@ class SimulationNode(Node, Generic[Row]):
         if decoded is None or row is None:
             self._refused += 1
             return
-        if (self._commands.get_publisher_count() > 1 and self._commanders.is_mixed(data)) or self._drivers.is_mixed():
+        if (self._commanders.is_mixed(data) and self._commands.get_publisher_count() > 1) or self._drivers.is_mixed():
             self._mixed += 1
             self._command = self._passive()
             return

@@ -16,7 +16,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.parameters import parameter
 from via_core.signals import Array
@@ -33,7 +32,7 @@ from via_sim.nodes.effect_services import EffectServices
 from via_sim.nodes.simulation import SimulationNode, TimeParameters
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import MAX_SEED, Simulator, passive_command
+from via_sim.simulate import MAX_SEED, Simulator, finite, passive_command
 
 
 @dataclass(frozen=True)
@@ -111,17 +110,17 @@ class SimulatorNode(SimulationNode[Array]):
         before = self._state
         self._state, self._measured, self._truth = self._simulator.step(before, command)
         self._sent = command[EXTERNAL]
-        if np.isfinite(self._state).all():
+        if finite(self._state):
             return
         self._failures += 1
         self._command = passive_command(self._simulator.plant, before)
         self._sent = self._command[EXTERNAL]
         self._state, self._measured, self._truth = self._simulator.step(before, self._command)
-        if not np.isfinite(self._state).all():
+        if not finite(self._state):
             self._state = self._simulator.init(seed=self._chosen.seed)
             self._measured, self._truth = self._simulator.sample(self._state)
 
-    def _sample(self, stamp: int) -> JointState:
+    def _sample(self, stamp: int) -> None:
         for (message, publisher), value in zip(
             self._truths, (self._truth[TRUTH.stiffness], self._truth[TRUTH.damping])
         ):
@@ -137,7 +136,6 @@ class SimulatorNode(SimulationNode[Array]):
             self._samples.effort[1:] = (
                 measured[MEASURED.tau_1 : MEASURED.tau_1 + count - 1] if self.device.n_motors else self._sent
             )
-        return self._samples.stamped(stamp)
 
     def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
         values = {"numerical failures": self._failures, "effects": self._effects.active}
