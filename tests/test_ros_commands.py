@@ -77,6 +77,7 @@ def talker(graph):
     node.create_timer(0.01, lambda: samples.publish(message))
     node.latched = node.create_publisher(String, "/note", LATCHED)
     node.latched.publish(String(data="kept\x1b[31m"))
+    graph.until(lambda: node.get_node_names() == ["talker"], 60.0)  # nodes that an earlier test killed leave later
     return node
 
 

@@ -6,8 +6,9 @@ from gap_logs import flexible, log_of
 from hypothesis import given
 from hypothesis import strategies as st
 from via_core.signals import Signals
-from via_gap.logs.checks import check_log, step_of
+from via_gap.logs.checks import check_log
 from via_gap.logs.log import JointLog
+from via_gap.logs.rounding import step_of
 
 
 def changed(log: JointLog, keep=None, **channels) -> JointLog:

@@ -11,17 +11,14 @@ import numpy as np
 from via_core.device_parts import TorqueMotor
 from via_core.faults import faulty_time
 from via_core.modulated_rows import Samples
-from via_core.signals import Array
 
 from via_gap.logs.findings import Finding, worst_first
 from via_gap.logs.log import ERRATIC, JointLog, jumps
+from via_gap.logs.rounding import step_of
 
 SHORTEST = 0.5  # [s] two segments; short recordings are fitted together
 SLOWEST = 50.0  # [Hz]
-GRID = 0.9  # share of measurements on a common grid from which its step is the quantum
-EVEN = 0.9  # share of measurements that advance by one step, beyond which the speed is constant
 COARSE = 1.5  # times the filed step: a coarser encoder
-DISTINCT = 4096  # measurements from which the step is estimated
 
 
 def check_log(log: JointLog) -> list[Finding]:
@@ -69,30 +66,6 @@ def _channels(log: JointLog) -> Iterator[Finding]:
             used = "this encoder is not used" if share > ERRATIC and name != "q" else "used as it is"
             text = f"{round(share * there.size)} single samples of {name} jump away and back: {used}"
             yield log.finding("outliers", name, "downgrade", share * there.size, text)
-
-
-def step_of(values: Array) -> float:
-    """Step [unit of values] of the grid on which measurements lie; 0 if there is no grid.
-
-    At constant speed, measurements of any encoder are evenly spaced, which does not indicate a grid.
-    """
-    there = values[np.isfinite(values)]
-    distinct = np.unique(there[:: max(1, len(there) // DISTINCT)])
-    apart = np.diff(distinct)
-    apart = apart[apart > 1e-12 * max(float(np.ptp(distinct)) if distinct.size else 0.0, 1e-300)]
-    if apart.size < 8:
-        return 0.0
-    step = float(np.quantile(apart, 0.01))
-    for _ in range(3):  # the mean over many steps is more accurate than one step
-        counts = np.rint(apart / step)
-        near = (counts >= 1.0) & (counts < 50.0)
-        if not near.any():
-            return 0.0
-        step = float(np.sum(apart[near] * counts[near]) / np.sum(counts[near] ** 2))
-    if float(np.mean(np.rint(np.abs(np.diff(there)) / step) == 1.0)) > EVEN:
-        return 0.0
-    off = np.abs((there - there[0]) / step - np.rint((there - there[0]) / step))
-    return step if float(np.mean(off < 0.1)) >= GRID else 0.0
 
 
 def _steps(log: JointLog) -> Iterator[Finding]:

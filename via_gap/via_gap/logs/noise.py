@@ -14,10 +14,9 @@ from typing import Literal
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.logs.checks import step_of
 from via_gap.logs.levels import STANDARD_ERRORS, Level, levels, share_shown
 from via_gap.logs.log import JointLog
-from via_gap.logs.rounding import correlation, distances
+from via_gap.logs.rounding import correlation, distances, step_of
 
 How = Literal["residuals", "rounding only", "smoothed", "standstill", "too short"]
 STEPPED = 1.0  # encoder steps crossed within a window: all positions within a step are then met

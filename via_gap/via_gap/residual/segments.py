@@ -21,12 +21,11 @@ from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows
 
 from via_gap.logs.between import acting, along, in_lines
-from via_gap.logs.checks import step_of
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import LogNoise, error_correlation, log_noise
 from via_gap.logs.quality import Quality
 from via_gap.logs.replay import FIRST_SAMPLES
-from via_gap.logs.rounding import interpolated, mean_variance, variances
+from via_gap.logs.rounding import interpolated, mean_variance, step_of, variances
 from via_gap.residual.smoothing import smoothed, window_of
 
 Indices = NDArray[np.intp]

@@ -24,7 +24,6 @@ from via_core.errors import ParameterError, SignalError, ViaError
 from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.status import Status
-from via_sim.effects.own import load_all
 from via_sim.plants import JointPlant
 
 from via_gap.logs.log import JointLog
@@ -66,12 +65,11 @@ class Monitor:
 
     def __init__(self, device: Device, parameters: MonitorParameters) -> None:
         self.change(parameters)
-        load_all(filter(None, parameters.own_effects.split(",")))
         warm_up(device)
         self.device = self.model = device
         self.columns = columns_of(device)
         self.rolling = RollingLog(device, parameters.window)
-        self.worker = Worker()
+        self.worker = Worker(filter(None, parameters.own_effects.split(",")))
         self.comparison: Comparison | None = None
         self.report: GapReport | None = None
         self.diagnosed = 0

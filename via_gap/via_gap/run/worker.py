@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import get_context, resource_tracker
@@ -68,7 +68,9 @@ Event = Progress | Finished | Failed
 class Worker:
     """Runs one Job at a time; `begin` starts the process if there is none."""
 
-    def __init__(self) -> None:
+    def __init__(self, own_effects: Iterable[str] = ()) -> None:
+        """Load modules and files that add effects, here and in the process. Raises ParameterError as `load_own`."""
+        load_all(own_effects)
         self._context = get_context("spawn")
         self._process: Any = None
         self._connection: Connection | None = None

@@ -6,7 +6,7 @@ offers      ~/set_effects       via_interfaces/SetEffects: replaces all effects,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from via_core.errors import ParameterError
@@ -14,6 +14,7 @@ from via_interfaces.srv import ClearEffects, SetEffects
 
 from via_sim.effects import Effect, place_name
 from via_sim.effects.files import load_effects
+from via_sim.effects.own import load_all
 
 
 class EffectServices:
@@ -30,8 +31,12 @@ class EffectServices:
         self._change(effects)
         self.active = ", ".join(f"{e.name} at {place_name(e.site, e.motor)}" for e in effects) or "nominal model"
 
-    def load(self, path: str) -> None:
-        """Change to the effects of a file, without a path to none; raises ParameterError."""
+    def load(self, path: str, own: Iterable[str] = ()) -> None:
+        """Change to the effects of a file, without a path to none; raises ParameterError.
+
+        own  modules and files that add effects to the catalogue before
+        """
+        load_all(own)
         self.apply(load_effects(path) if path else ())
 
     def _set(self, request: SetEffects.Request, answer: SetEffects.Response) -> SetEffects.Response:

@@ -25,7 +25,6 @@ from via_ros.conversions import Command, JointStateWriter, followed, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import run
 
-from via_sim.effects.own import load_all
 from via_sim.joint.layout import DAMPING, EXTERNAL, GOAL, M1, N_COMMANDS, POWER
 from via_sim.joint.measurements import MEASURED, TRUTH
 from via_sim.nodes.effect_services import EffectServices
@@ -53,9 +52,8 @@ class SimulatorNode(SimulationNode[Array]):
         super().__init__("simulator", **options)
         self._chosen = own = declare(self, SimulatorParameters)
         self.device = load_device(own.device)
-        load_all(filter(None, own.own_effects.split(",")))
         self._effects = EffectServices(self, self._change)
-        self._effects.load(own.effects)
+        self._effects.load(own.effects, filter(None, own.own_effects.split(",")))
         self._state = self._simulator.init(seed=own.seed)
         self._simulator.step(self._state, np.zeros(N_COMMANDS))  # compiles now and not in the first tick
         self._measured, self._truth = self._simulator.sample(self._state)
