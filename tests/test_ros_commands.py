@@ -24,6 +24,7 @@ from via_core.parameters import parameter
 from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import JointReference, StiffnessEstimate
 from via_interfaces.srv import Push, SetEffects
+from via_ros.domains import reserved_domain
 from via_ros.parameters import declare
 
 INTERRUPTED = 130
@@ -68,6 +69,14 @@ def via(graph, *words: str, end=lambda out, err: False) -> Done:
     return Done(process.returncode, "".join(printed[0]), "".join(printed[1]))
 
 
+@pytest.fixture(scope="module")
+def domain(domain):
+    """A domain of this module alone: the commands list everything, and nodes of other tests may leave late."""
+    with reserved_domain() as own, pytest.MonkeyPatch.context() as changed:
+        changed.setenv("ROS_DOMAIN_ID", str(own))
+        yield own
+
+
 @pytest.fixture
 def talker(graph):
     """A node that publishes joint states as a sensor does (best effort), and once a latched text."""
@@ -77,7 +86,6 @@ def talker(graph):
     node.create_timer(0.01, lambda: samples.publish(message))
     node.latched = node.create_publisher(String, "/note", LATCHED)
     node.latched.publish(String(data="kept\x1b[31m"))
-    graph.until(lambda: node.get_node_names() == ["talker"], 60.0)  # nodes that an earlier test killed leave later
     return node
 
 
