@@ -309,6 +309,8 @@ def test_invalid_parameters_are_refused_with_the_reason(graph, tmp_path):
         graph.add(SimulatorNode, mode="warp")
     with pytest.raises(ParameterError, match="cannot be read"):
         graph.add(SimulatorNode, effects=str(tmp_path / "none.yaml"))
+    with pytest.raises(ParameterError, match=r"none\.py: no such file"):
+        graph.add(SimulatorNode, own_effects=str(tmp_path / "none.py"))
 
 
 def test_position_drive_is_commanded_switched_off_and_recorded(graph, tmp_path):

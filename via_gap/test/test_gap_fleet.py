@@ -127,6 +127,16 @@ def test_a_key_is_of_content_name_and_device(logs, tmp_path):
     assert key_of(folder, DEVICE) != before
 
 
+def test_a_key_is_also_of_own_effects(logs, tmp_path, monkeypatch):
+    own = tmp_path / "own.py"
+    keys = [key_of(logs[0], DEVICE)]
+    monkeypatch.setattr(fleet, "loaded", lambda: (str(own),))
+    for text in ("x = 1\n", "x = 2\n"):
+        own.write_text(text)
+        keys.append(key_of(logs[0], DEVICE))
+    assert len(set(keys)) == 3
+
+
 def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
     monkeypatch.setattr("via_gap.run.fleet.PATIENCE", "1s")
     with pytest.raises(ViaError, match=r"scheduler tcp://127[.]0[.]0[.]1:9") as raised:

@@ -165,3 +165,33 @@ def test_a_model_beats_a_straight_line_where_the_joint_is_driven():
     model = ResidualModel.of([segments], [np.arange(1, len(segments))])
     line, own = (model.per_segment(each) for each in (model.baseline(), model.residual([model.row(())])[0]))
     assert np.mean(np.log1p(line)) > np.mean(np.log1p(own)) + 1.0
+
+
+def with_gaps(log: JointLog, *gaps: tuple[float, float]) -> JointLog:
+    """The log without the samples inside some intervals [s]."""
+    time = log.measured.time
+    keep = ~np.any([(time > begin) & (time < end) for begin, end in gaps], axis=0)
+    channels = {name: values[keep] for name, values in log.measured.channels.items()}
+    return replace(log, measured=Signals(time[keep], channels, log.measured.units))
+
+
+def test_windows_with_a_gap_in_the_samples_do_not_count() -> None:
+    log = log_of(rigid(), (), seed=6, duration=8.0)
+    segments = cut_log(with_gaps(log, (3.1, 3.16)))
+    inside = segments.hidden
+    assert 0 < inside.sum() < 40
+    wrong = replace(segments, angles=segments.angles + 0.1 * inside[:, None])
+    views = [InverseDynamics.of(each, np.flatnonzero(each.valid)) for each in (segments, wrong)]
+    left, same = (view.residual(view.nominal[None])[0] for view in views)
+    assert np.array_equal(left, same) and 0 < np.sum(views[0].weight == 0.0) < 10
+    assert np.allclose(np.mean(views[0].weight ** 2, axis=1), 1.0)
+    baseline = views[0].baseline().reshape(views[0].weight.shape)
+    assert not baseline[views[0].weight == 0.0].any()
+
+
+def test_where_most_windows_have_a_gap_there_is_no_second_view() -> None:
+    log = log_of(rigid(), (), seed=6, duration=8.0)
+    gaps = [(at, at + 0.01) for at in np.arange(0.05, 8.0, 0.07)]
+    segments = cut_log(with_gaps(log, *gaps))
+    with pytest.raises(SignalError, match="too many samples are missing"):
+        InverseDynamics.of(segments, np.flatnonzero(segments.valid))

@@ -56,3 +56,22 @@ def test_late_samples_leave_the_long_segments_of_a_position_drive():
     assert segments.valid.mean() > 0.8 and 0.1 < np.mean(segments.weight == 0.0) < 0.5
     problem = ResidualModel.of([cut_log(late, quality=assessed(late))], [np.arange(1, 40)])
     assert np.median(problem.per_segment(problem.residual([problem.row(())])[0])) < 1.5
+
+
+def test_a_segment_needs_half_of_its_values_and_samples_around_its_start():
+    log = log_of(rigid(), (), seed=8, duration=12.0, tolerance=0.0)
+    whole = cut_log(log)
+    span = whole.ticks / whole.rate
+
+    def valid(begin: float, end: float) -> list[bool]:
+        """Of segments 8 and 9 without the samples in an interval, in segments from the beginning of segment 8."""
+        time, first = log.measured.time, whole.time[8]
+        keep = (time <= first + begin * span) | (time >= first + end * span)
+        channels = {name: values[keep] for name, values in log.measured.channels.items()}
+        cut = cut_log(replace(log, measured=Signals(time[keep], channels, log.measured.units)))
+        assert cut.valid.sum() >= len(cut) - 2
+        return cut.valid[8:10].tolist()
+
+    assert valid(0.3, 0.7) == [True, True]
+    assert valid(0.2, 0.8) == [False, True]  # sixty per cent of a segment
+    assert valid(0.8, 1.2) == [True, False]  # nothing at the start of the next one

@@ -27,7 +27,7 @@ KIND = EffectKind(
 @pytest.fixture(autouse=True)
 def catalogue(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     before = dict(EFFECTS)
-    monkeypatch.setattr(own, "_LOADED", {})
+    monkeypatch.setattr(own, "_LOADED", [])
     yield
     EFFECTS.clear()
     EFFECTS.update(before)

@@ -97,9 +97,12 @@ class InverseDynamics:
 
     @cached_property
     def weight(self) -> Array:
-        """(C, w) of each window in comparisons: 0 with a gap in its samples, so that mean squares are of the others."""
+        """(C, w) of each window in comparisons: 0 with a gap in its samples.
+
+        Above 1 elsewhere in such a segment, so that its mean squares are those of its other windows.
+        """
         whole = self.windows.whole[self.first]
-        return whole / np.sqrt(whole.mean())
+        return whole * np.sqrt(whole.shape[1] / np.maximum(whole.sum(axis=1, keepdims=True), 1))
 
     @property
     def middle(self) -> Indices:

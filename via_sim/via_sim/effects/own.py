@@ -19,7 +19,7 @@ from via_core.errors import ParameterError
 from via_sim.catalogue import EFFECTS
 from via_sim.catalogue.kinds import EffectKind
 
-_LOADED: dict[str, tuple[str, ...]] = {}  # effects of each name
+_LOADED: list[str] = []
 
 
 def loaded() -> tuple[str, ...]:
@@ -57,7 +57,7 @@ def load_own(name: str) -> tuple[str, ...]:
         EFFECTS.clear()
         EFFECTS.update(before)
         raise
-    _LOADED[str(Path(name).resolve()) if _is_file(name) else name] = added
+    _LOADED.append(str(Path(name).resolve()) if _is_file(name) else name)
     return added
 
 
