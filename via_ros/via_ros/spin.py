@@ -49,13 +49,16 @@ def make_executor(kind: str = "events", context: Any = None) -> Any:
 def spin(executor: Any, finished: Future | None = None) -> None:
     """Run callbacks until `finished` is done; without it until a signal or shutdown of the context raises.
 
-    What exists now is left out of garbage collection: walking through it takes many periods of a loop at 1 kHz.
+    What exists now is left out of garbage collection meanwhile: walking through it takes many periods of a loop at 1 kHz.
     """
     gc.collect()
     gc.freeze()
-    future = Future() if finished is None else finished
-    while not future.done():
-        executor.spin_until_future_complete(future, timeout_sec=FOREVER)
+    try:
+        future = Future() if finished is None else finished
+        while not future.done():
+            executor.spin_until_future_complete(future, timeout_sec=FOREVER)
+    finally:  # rclpy's nodes lie in cycles of references: frozen ones would never leave the graph
+        gc.unfreeze()
 
 
 def spin_until(executor: Any, condition: Callable[[], bool], timeout: float) -> bool:
