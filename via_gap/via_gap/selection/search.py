@@ -48,6 +48,7 @@ CLOSE, CLOSEST = (
 )  # times the best loss on the subset, and least number, of fits to all segments
 EXCHANGED = 0.9  # times the loss, below which another effect replaces an earlier one
 MOST = 4  # effects
+AHEAD = 2  # effects beyond the last step that mattered: two may help together although neither helps alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,24 +88,24 @@ class Search:
     def run(self, progress: Progress, enough: Callable[[Evaluation], bool]) -> list[Evaluation]:
         """Every model evaluated, of any size; the search ends if the best model of a size is `enough`."""
         models: dict[frozenset[Location], Evaluation] = {}
-        current = self.tuned
-        while len(current.fit.effects) < MOST and not noise_only(current):
+        reached = current = self.tuned
+        while len(current.fit.effects) < min(MOST, len(reached.fit.effects) + AHEAD) and not noise_only(current):
             size = len(current.fit.effects)
             progress("trying every effect" if size == 0 else f"beside {current.fit.locations[-1]}", 0.2 + 0.15 * size)
             here = self if size == 0 else self._beside(current.fit)
-            fits = here._extended(current.fit)
-            if not fits:
+            found = self._evaluated(here._finished(here._extended(current.fit)), models)
+            if not found:
                 break
-            found = self._evaluated(here._finished(fits), models)
-            step = simplest(found) if found else current
-            if not improves(step, current, self.tuned) or enough(step):
+            current = simplest(found)
+            if not improves(current, reached, self.tuned):
+                continue
+            if enough(current):
                 break
-            reduced = self._evaluated(here._reduced(step.fit), models) if size else []
-            sufficient = [each for each in reduced if each is not step and not matters(step, each, self.tuned)]
-            following = simplest(sufficient) if sufficient else step
-            if len(following.fit.effects) <= size:
-                break
-            current = following
+            reduced = self._evaluated(here._reduced(current.fit), models) if size else []
+            sufficient = [each for each in reduced if not matters(current, each, self.tuned)]
+            kept = simplest(sufficient) if sufficient else current
+            if len(kept.fit.effects) > size:
+                reached = current = kept
         return list(models.values())
 
     def _evaluated(self, fits: Sequence[Fit], models: dict[frozenset[Location], Evaluation]) -> list[Evaluation]:
