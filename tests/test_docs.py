@@ -20,6 +20,7 @@ import pytest
 import yaml
 from page_blocks import DEADLINE, ROOT, Shell, blocks, follow, run_python, shell_in
 from via_bringup.cli import COMMANDS
+from via_gap.report.report import GapReport
 from via_ros.domains import reserved_domain
 
 DOCS = ROOT / "docs"
@@ -159,6 +160,18 @@ def test_a_block_is_a_file_only_if_its_own_paragraph_says_so(tmp_path: Path):
 def test_every_block_of_a_guide_runs(guide: Path, tmp_path: Path, domain: int):
     with shell_in(tmp_path, domain) as shell:
         run_guide(guide, shell)
+    if guide.stem == "diagnose":
+        promised_is_answered(guide.read_text("utf-8"), tmp_path / "out" / "maccepavd.json")
+
+
+def promised_is_answered(text: str, answer: Path) -> None:
+    """Verdict, named effects and sizes of the gap in a report are those that the guide tells of."""
+    report = GapReport.model_validate_json(answer.read_text("utf-8"))
+    gap = report.gap
+    assert gap is not None and report.effects
+    told = {f"`{report.verdict}`", *(f"`{each.effect}`" for each in report.effects)}
+    told |= {f"{100.0 * value:.0f} %" for value in (gap.before, gap.tuned, gap.after)}
+    assert not [each for each in told if each not in text]
 
 
 if __name__ == "__main__":
