@@ -48,7 +48,6 @@ CLOSE, CLOSEST = (
 )  # times the best loss on the subset, and least number, of fits to all segments
 EXCHANGED = 0.9  # times the loss, below which another effect replaces an earlier one
 MOST = 4  # effects
-AHEAD = 2  # effects beyond the last step that mattered
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,24 +87,19 @@ class Search:
     def run(self, progress: Progress, enough: Callable[[Evaluation], bool]) -> list[Evaluation]:
         """Every model evaluated, of any size; the search ends if the best model of a size is `enough`."""
         models: dict[frozenset[Location], Evaluation] = {}
-        reached = current = self.tuned
-        while len(current.fit.effects) < _most(reached) and not noise_only(current):
+        current = self.tuned
+        while len(current.fit.effects) < MOST and not noise_only(current):
             size = len(current.fit.effects)
             progress("trying every effect" if size == 0 else f"beside {current.fit.locations[-1]}", 0.2 + 0.15 * size)
             here = self if size == 0 else self._beside(current.fit)
             found = self._evaluated(here._finished(here._extended(current.fit)), models)
-            if not found:
+            step = simplest(found) if found else current
+            if not improves(step, current, self.tuned) or enough(step):
                 break
-            current = simplest(found)
-            if not improves(current, reached, self.tuned):
-                continue
-            if enough(current):
-                break
-            reduced = self._evaluated(here._reduced(current.fit), models) if size else []
-            sufficient = [each for each in reduced if not matters(current, each, self.tuned)]
-            kept = simplest(sufficient) if sufficient else current
-            if len(kept.fit.effects) > size:
-                reached = current = kept
+            reduced = self._evaluated(here._reduced(step.fit), models) if size else []
+            sufficient = [each for each in reduced if not matters(step, each, self.tuned)]
+            shorter = simplest(sufficient) if sufficient else step
+            current = shorter if len(shorter.fit.effects) > size else step  # what is not clear yet may become so
         return list(models.values())
 
     def _evaluated(self, fits: Sequence[Fit], models: dict[frozenset[Location], Evaluation]) -> list[Evaluation]:
@@ -231,16 +225,6 @@ class Search:
             found = [fit for fit in done if fit is not None]
         more = with_harmonics(self.whole, found, self.candidates.equations, self.scales)
         return found + more + with_gear_terms(self.whole, found, self.scales)
-
-
-def _most(reached: Evaluation) -> int:
-    """Number of effects at which the search ends, beyond the last model that mattered.
-
-    Beside a cause, two more may help together although neither helps alone. If no effect helps alone, one of hundreds
-    of pairs that does is more likely to be two errors that compensate each other than two causes.
-    """
-    known = len(reached.fit.effects)
-    return min(MOST, known + AHEAD) if known else 1
 
 
 def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Members]]:
