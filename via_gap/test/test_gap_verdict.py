@@ -18,7 +18,8 @@ from via_gap.selection.verdict import (
     SAME,
     Decision,
     _common,
-    _different,
+    _models,
+    _plainest,
     _ranking,
     _tied,
     decide,
@@ -91,11 +92,21 @@ def parts_by_hand(tuned: Evaluation, model: Evaluation, flexible: Evaluation | N
     return found[0], found[1]
 
 
+def answer(tuned: Evaluation, models: list[Evaluation]) -> tuple[list[Evaluation], Evaluation]:
+    """The models tied with the last step of the ladder, and its plainest name."""
+    last = ladder(tuned, models)[-1]
+    if last is tuned:
+        return [], tuned
+    same_size = [each for each in models if len(each.fit.effects) == len(last.fit.effects)]
+    tied = _tied(last, without_needless(same_size))
+    return tied, _plainest(tied)
+
+
 def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluation) -> tuple[str, Evaluation]:
     """Verdict and model named, as the table of docs/method.md, section 8, lists them row by row."""
     if np.mean(tuned.segments) <= 2.0:
         return "no_gap", tuned
-    last = ladder(tuned, models)[-1]
+    tied, last = answer(tuned, models)
     if last is tuned:
         return ("unknown" if matters(flexible, tuned, tuned) else "cannot_tell"), tuned
     explained, share = parts_by_hand(tuned, last, flexible), parts_by_hand(tuned, last, None)
@@ -103,9 +114,7 @@ def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluati
         return "unknown", tuned
     if max(share) < 0.25:
         return "cannot_tell", tuned
-    same_size = [each for each in models if len(each.fit.effects) == len(last.fit.effects)]
-    tied = _tied(last, without_needless(same_size))
-    if _different(tied) > 3:
+    if len(set(_models(tied))) > 3:
         common = _common(tied, models)
         if common is None or max(parts_by_hand(tuned, common, flexible)) < 0.8:
             return "cannot_tell", tuned
@@ -152,7 +161,7 @@ def test_no_decision_contradicts_itself(case):
     else:
         parts = parts_by_hand(tuned, decision.chosen, flexible)
         all_of_it = parts_by_hand(tuned, decision.chosen, None)
-        largest = ladder(tuned, models)[-1]
+        largest = answer(tuned, models)[1]
         whole = decision.chosen is largest and min(*parts, *all_of_it) >= NUMBERS.complete
         assert (verdict == "main_effect") == (not whole)
         assert (verdict == "effect") == (whole and len(named) == 1)
@@ -205,12 +214,12 @@ def test_models_with_the_same_losses_are_one_model_under_several_names():
         return evaluated(np.expm1(np.full(SEGMENTS, 1.0 + loss)), place)
 
     one = shifted(0.0, COULOMB)
-    assert _different([one]) == 1
-    assert _different([one, shifted(0.9 * near, BACKLASH), shifted(-0.9 * near, INERTIA)]) == 1
-    assert _different([one, shifted(1.1 * near, BACKLASH)]) == 2
-    assert _different([one, shifted(0.6 * near, BACKLASH), shifted(1.2 * near, INERTIA)]) == 2
+    assert _models([one]) == [0]
+    assert _models([one, shifted(0.9 * near, BACKLASH), shifted(-0.9 * near, INERTIA)]) == [0, 0, 0]
+    assert _models([one, shifted(1.1 * near, BACKLASH)]) == [0, 1]
+    assert _models([one, shifted(0.6 * near, BACKLASH), shifted(1.2 * near, INERTIA)]) == [0, 0, 2]
     apart = 1.0 + 5.0 * near * (-1.0) ** np.arange(SEGMENTS)  # as good on average, and in no segment
-    assert _different([one, evaluated(np.expm1(apart), BACKLASH)]) == 2
+    assert _models([one, evaluated(np.expm1(apart), BACKLASH)]) == [0, 1]
 
 
 def test_what_tied_models_have_in_common_is_a_model_that_was_compared():
@@ -222,6 +231,16 @@ def test_what_tied_models_have_in_common_is_a_model_that_was_compared():
     assert _common([alone, other], [alone, other]) is None
     three = [even(1.0, COULOMB, BACKLASH, place) for place in (INERTIA, DRAG)]
     assert _common(three, [alone, even(2.0, BACKLASH, COULOMB)]).fit.locations == (BACKLASH, COULOMB)
+
+
+def test_one_model_under_two_names_has_the_name_with_fewer_parameters():
+    """A constant motor torque, and a torque from outside that begins and ends with the log."""
+    tuned, short, long = even(100.0), even(1.0005, BACKLASH), even(1.0, STRIBECK)
+    assert long.score < short.score and len(long.fit.values) > len(short.fit.values)
+    decision = decide(tuned, [long, short], reaching(1.0))
+    assert decision.named == (BACKLASH,) and decision.equivalent == (BACKLASH, STRIBECK)
+    assert decision.shares == ((BACKLASH, 0.5), (STRIBECK, 0.5))
+    assert decide(tuned, [long, even(1.03, BACKLASH)], reaching(1.0)).named == (STRIBECK,)
 
 
 @pytest.mark.parametrize("first", [COULOMB, PAYLOAD])

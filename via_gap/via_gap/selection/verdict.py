@@ -103,19 +103,20 @@ def decide(
         return Decision("no_gap", tuned, 1.0)
     unnamed = partial(_unnamed, tuned, models)
     last = ladder(tuned, models)[-1]
-    flexible = flexible_beside(last)
     if last is tuned:
-        if matters(flexible, tuned, tuned):
+        if matters(flexible_beside(tuned), tuned, tuned):
             return unnamed("unknown")
         return unnamed("cannot_tell", "the remaining error does not repeat with the motion")
+    tied = _tied(last, without_needless(_of_size(last, models)))
+    last = _plainest(tied)
+    flexible = flexible_beside(last)
     if not noise_only(last):  # beside a wrong cause it may explain less than alone
         flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
     verdict, reason = _verdict(tuned, last, flexible)
     if verdict in UNNAMED:
         return unnamed(verdict, reason)
-    tied = _tied(last, without_needless(_of_size(last, models)))
     equivalent = tuple(dict.fromkeys(place for each in (last, *tied) for place in each.fit.locations))
-    if (count := _different(tied)) > NUMBERS.largest_set:
+    if (count := len(set(_models(tied)))) > NUMBERS.largest_set:
         common = _common(tied, models)
         if common is None or _verdict(tuned, common, flexible)[0] in UNNAMED:
             reason = f"{count} causes explain these data equally well"
@@ -143,13 +144,13 @@ def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tupl
 def _ranking(
     named: Evaluation, models: Sequence[Evaluation]
 ) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
-    """Causes with their shares and models; of equal shares that first which alone leaves the smaller gap."""
+    """Causes with their shares and models; of equal shares the named ones first, then by the gap that each leaves alone."""
     rivals = without_needless(_of_size(named, models))
     rivals = rivals if named in rivals else [named, *rivals]
     alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
     ranked = sorted(
         ((place, round(share, 9), model) for (place, share), model in zip(*_shares(rivals), strict=True)),
-        key=lambda each: (-each[1], alone.get(each[0], np.inf)),
+        key=lambda each: (-each[1], each[0] not in named.fit.locations, alone.get(each[0], np.inf)),
     )
     spoken = tuple(named if place in named.fit.locations else model for place, _, model in ranked)
     return tuple((place, share) for place, share, _ in ranked), spoken
@@ -234,14 +235,25 @@ def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
     return [chosen, *others]
 
 
-def _different(tied: Sequence[Evaluation]) -> int:
-    """Number of the models without those that agree with an earlier one: the same error under another name."""
-    found: list[Evaluation] = []
-    for each in tied:
-        apart = (float(np.mean(np.abs(losses(each, other) - losses(other, each)))) for other in found)
-        if all(gap > SAME * NUMBERS.margin for gap in apart):
-            found.append(each)
-    return len(found)
+def _models(named: Sequence[Evaluation]) -> list[int]:
+    """Index of the first of the models that each agrees with: the same error under another name."""
+    found: list[int] = []
+    for number, each in enumerate(named):
+        others = dict.fromkeys(found)
+        same = (k for k in others if _apart(each, named[k]) <= SAME * NUMBERS.margin)
+        found.append(next(same, number))
+    return found
+
+
+def _apart(one: Evaluation, other: Evaluation) -> float:
+    """Mean difference of the losses of two models in a segment."""
+    return float(np.mean(np.abs(losses(one, other) - losses(other, one))))
+
+
+def _plainest(tied: Sequence[Evaluation]) -> Evaluation:
+    """Of the models that are the first one under another name, the one with the fewest parameters."""
+    same = [each for each, number in zip(tied, _models(tied), strict=True) if number == 0]
+    return min(same, key=lambda each: (freedom(each.fit), each.score, str(each.fit.locations)))
 
 
 def _common(tied: Sequence[Evaluation], models: Sequence[Evaluation]) -> Evaluation | None:
@@ -251,8 +263,12 @@ def _common(tied: Sequence[Evaluation], models: Sequence[Evaluation]) -> Evaluat
 
 
 def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
-    """Frequency of each location in the best of `rivals` on resampled blocks, divided between similar models."""
-    stacked = block_means(np.stack([losses(each, rivals[0]) for each in rivals]), rivals[0].block)
+    """Frequency of each location in the best of `rivals` on resampled blocks, divided between similar models.
+
+    One model under several names has equal shares.
+    """
+    first = [rivals[number] for number in _models(rivals)]
+    stacked = block_means(np.stack([losses(each, first[0]) for each in first]), first[0].block)
     means = stacked[:, resamples(stacked.shape[1])].mean(axis=2)
     weight = np.exp(-(means - means.min(axis=0)) / NUMBERS.margin)
     share = (weight / weight.sum(axis=0)).mean(axis=1)
