@@ -38,6 +38,7 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     with reserved_domain() as own:
         os.environ["ROS_DOMAIN_ID"] = str(own)
         os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros_log"))
+        gc.freeze()  # modules: only what tests leave behind is looked through after each of them
         yield own
 
 
