@@ -81,6 +81,12 @@ def entries_of(
             entry,
             f"{guess.reason}{'' if guess.sure or 'check' in guess.reason else f'; taken as {guess.unit}'}",
         )
+    positions = [each.column for each in guesses if each.quantity == "position" and each.joint in ("", joint)]
+    if len(positions) > 1 and not bag:
+        remarks.append(
+            f"several columns look like the position: {', '.join(positions)}; '{chosen['position'].column}' is used; "
+            "check q under wire.columns"
+        )
     used = {each[0]["column"] for each in columns.values()} | {time.column}
     left = [each.column for each in guesses if each.column not in used and each.joint in ("", joint) and not bag]
     if left:
