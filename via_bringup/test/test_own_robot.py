@@ -106,7 +106,18 @@ def test_a_recording_of_several_joints_is_diagnosed_with_all_of_them(folder: Pat
     done = via(
         "device", "new", model, "--joint", "elbow", "--log", folder / "undriven.parquet", "--out", folder / "u.yaml"
     )
-    assert "needs torque, current or goal of shoulder" in done.output and "--arm" not in done.output
+    assert "needs torque or current of shoulder" in done.output and "--arm" not in done.output
+
+
+def test_an_arm_with_goals_and_without_gains_is_refused_with_the_remedy(folder: Path, tmp_path: Path) -> None:
+    run, log = moved(12.0, 250.0), tmp_path / "goals.csv"
+    counts = np.rint(run["q"] * 4096 / (2.0 * np.pi)) + 2048
+    columns = {f"{what}_{k + 1}": counts[:, k] for what in ("position", "goal") for k in (0, 1)}
+    pandas.DataFrame({"t": run["time"], **columns}).to_csv(log, index=False)
+    done = via("gap", "diagnose", log, "--arm", folder / "robot.urdf")
+    assert "add --counts-per-turn" in str(done.exception)
+    done = via("gap", "diagnose", log, "--arm", folder / "robot.urdf", "--counts-per-turn", "4096")
+    assert "no gains of the position drive of shoulder, elbow: state the gains" in str(done.exception)
 
 
 def test_the_zero_of_the_recording_is_that_of_the_model_or_the_device_says_so(folder: Path, tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ def _by_values(tables: Tables, chosen: Mapping[Quantity, ColumnGuess]) -> Mappin
         if COUNTS.fullmatch(command.unit) or COUNTS.fullmatch(position.unit)
         else factor(command.unit) / factor(position.unit)
     )
-    if np.sqrt(np.mean((scale * u[both] - q[both]) ** 2)) < np.std(q[both]):
+    if np.sqrt(np.mean((scale * u[both] - q[both]) ** 2)) <= np.std(q[both]):
         return chosen
     reason = "a command far from the position, taken as torque; check"
     changed: dict[Quantity, ColumnGuess] = {

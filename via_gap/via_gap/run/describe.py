@@ -23,7 +23,7 @@ from via_gap.logs.survey import fit_gains, fit_joint, survey
 if TYPE_CHECKING:
     from via_core.robots.models import Robot, RobotJoint
 
-DRIVEN = ("torque", "current", "position command", "torque command")
+DRIVEN = ("torque", "current", "torque command")
 BEYOND = 0.1  # of the largest limit of a joint, by which recorded positions may be beyond the limits
 EXACT = 1e-6  # of the largest torque: less noise means that the torque was computed
 
@@ -111,7 +111,12 @@ def described(
 def _others(robot: Robot, joint: str, recorded: Recorded, model: str) -> list[str]:
     """What to do about other joints of the recording: a diagnosis of all needs what drives each of them."""
     seen = {guess.joint for guess in recorded.guesses if guess.quantity == "position"}
-    driven = {guess.joint for guess in recorded.guesses if guess.quantity in DRIVEN}
+    gains = {each.name for each in robot.joints if each.kp is not None}
+    driven = {
+        guess.joint
+        for guess in recorded.guesses
+        if guess.quantity in DRIVEN or (guess.quantity == "position command" and guess.joint in gains)
+    }
     others = [each.name for each in robot.joints if each.name in seen and each.name != joint]
     if not others:
         return []
@@ -119,7 +124,7 @@ def _others(robot: Robot, joint: str, recorded: Recorded, model: str) -> list[st
     if undriven := [name for name in others if name not in driven]:
         return [
             f"the recording also has {names}: where they move they act on {joint}, which a diagnosis of all joints "
-            f"together includes; it needs torque, current or goal of {', '.join(undriven)} as well"
+            f"together includes; it needs torque or current of {', '.join(undriven)}, or goals and a model with gains"
         ]
     return [
         f"the recording also has {names}: where they move they act on {joint}, so diagnose all "
