@@ -118,13 +118,22 @@ def test_a_single_changed_bit_is_detected(demo, tmp_path):
 def test_page_shows_every_picture_run_and_reason(demo):
     out, summary = demo
     page = (out / "index.html").read_text(encoding="utf-8")
-    for picture in ("damping", "run", "gap", "nrmse", "live"):
+    for picture in ("joint", "model", "causes", "repair", "damping", "run", "gap", "nrmse", "live"):
         assert f'src="pictures/{picture}.png"' in page
         assert (out / "pictures" / f"{picture}.png").stat().st_size > 10_000
     for run in summary.robot.runs:
         assert f"{run.strategy} {run.trajectory}.{run.repeat}" in page
     for file in summary.robot.refused:
         assert file.file in page
+
+
+def test_the_first_screen_answers_four_questions_each_with_one_picture(demo):
+    out, _ = demo
+    page = (out / "index.html").read_text(encoding="utf-8")
+    answers = page[: page.index("<h2>")].split("<section>")[1:]
+    assert len(answers) == 4
+    for answer in answers:
+        assert answer.count("<h3>") == answer.count("<p>") == answer.count("<img ") == 1
 
 
 def test_diagnosis_is_the_first_link_of_the_page(demo):

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 from own_robot import FRICTION, moved, write_arm, write_robot, write_run
 from typer.testing import CliRunner, Result
@@ -101,6 +102,38 @@ def test_a_recording_of_several_joints_is_diagnosed_with_all_of_them(folder: Pat
     done = via("device", "new", model, "--joint", "elbow", "--log", log, "--out", folder / "of_arm.yaml")
     assert done.exit_code == 0, done.output
     assert "the recording also has shoulder" in done.output and f"diagnose {log} --arm {model}" in done.output
+    pandas.read_parquet(log).drop(columns="tau_1").to_parquet(folder / "undriven.parquet")
+    done = via(
+        "device", "new", model, "--joint", "elbow", "--log", folder / "undriven.parquet", "--out", folder / "u.yaml"
+    )
+    assert "needs torque or current of shoulder" in done.output and "--arm" not in done.output
+
+
+def test_an_arm_with_goals_and_without_gains_is_refused_with_the_remedy(folder: Path, tmp_path: Path) -> None:
+    run, log = moved(12.0, 250.0), tmp_path / "goals.csv"
+    counts = np.rint(run["q"] * 4096 / (2.0 * np.pi)) + 2048
+    columns = {f"{what}_{k + 1}": counts[:, k] for what in ("position", "goal") for k in (0, 1)}
+    pandas.DataFrame({"t": run["time"], **columns}).to_csv(log, index=False)
+    done = via("gap", "diagnose", log, "--arm", folder / "robot.urdf")
+    assert "add --counts-per-turn" in str(done.exception)
+    done = via("gap", "diagnose", log, "--arm", folder / "robot.urdf", "--counts-per-turn", "4096")
+    assert "no gains of the position drive of shoulder, elbow: state the gains" in str(done.exception)
+
+
+def test_the_zero_of_the_recording_is_that_of_the_model_or_the_device_says_so(folder: Path, tmp_path: Path) -> None:
+    run = moved(12.0, 250.0)
+    counts = np.rint(run["q"] * 4096 / (2.0 * np.pi)) + 2048
+    for name, values in (("counts", counts), ("deg", np.degrees(run["q"]) + 170.0)):
+        log, out = tmp_path / f"{name}.csv", tmp_path / f"{name}.yaml"
+        columns = {"t": run["time"], f"shoulder_pos_{name}": values[:, 0], "shoulder_tau": run["tau"][:, 0]}
+        pandas.DataFrame(columns).to_csv(log, index=False)
+        words = ["--joint", "shoulder", "--log", log, "--counts-per-turn", "4096", "--out", out]
+        done = via("device", "new", folder / "robot.urdf", *words)
+        assert done.exit_code == 0, done.output
+        read = read_log(log, load_device(out)).measured["q"]
+        offset = 0.0 if name == "counts" else np.radians(170.0)
+        np.testing.assert_allclose(read, run["q"][:, 0] + offset, atol=1e-3)
+        assert ("are beyond the limits of the joint" in done.output) == (name == "deg")
 
 
 def test_a_check_that_cannot_run_is_refused_before_a_file_is_written(folder: Path, elbow: Path) -> None:

@@ -11,12 +11,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from scipy.io import savemat
 from via_core.bags.definitions import typestore_of
 from via_core.bags.importing import import_recordings
-from via_core.bags.inspection import info
+from via_core.bags.inspection import check, info
 from via_core.bags.joints import joint_signals
 from via_core.bags.mapping import load_mapping
 from via_core.bags.reader import read_bag
 from via_core.devices import parse_device
-from via_core.errors import DeviceError, ImportMapError, ParameterError, SignalError
+from via_core.errors import BagError, DeviceError, ImportMapError, ParameterError, SignalError
 from via_core.recordings.channels import read_joint
 from via_core.recordings.entries import Constants, entries_of
 from via_core.recordings.guess import guess_columns, guess_time, of_joint, split_name
@@ -138,6 +138,21 @@ def test_every_format_gives_the_same_signals(tmp_path: Path, name: str) -> None:
         np.testing.assert_allclose(measured["q_velocity"], SPEED, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["run.parquet", "dynamic"])
+def test_recordings_are_checked_by_the_columns_of_their_device(tmp_path: Path, name: str) -> None:
+    FORMATS[name](tmp_path / name)
+    device = parse_device(described(tmp_path / name), "d")
+    assert [each.text for each in check(tmp_path / name, device) if each.severity == "error"] == []
+    other = parse_device(described(tmp_path / name).replace('"column": "', '"column": "no '), "d")
+    assert any("no column" in each.text for each in check(tmp_path / name, other) if each.severity == "error")
+
+
+def test_a_table_is_checked_only_with_its_device(tmp_path: Path) -> None:
+    csv(tmp_path / "run.csv")
+    with pytest.raises(BagError, match="add --device"):
+        check(tmp_path / "run.csv")
+
+
 @pytest.mark.parametrize("plugin", list(StoragePlugin))
 def test_plain_joint_states_need_one_name_per_joint(tmp_path: Path, plugin: StoragePlugin) -> None:
     """The effort of a rigid joint is the torque of its drive; there is no second name and no sensor at the link."""
@@ -229,6 +244,31 @@ def test_joints_are_found_by_name_and_by_number() -> None:
     }  # fmt: skip
     with pytest.raises(SignalError, match="choose with --joint from: base, elbow, wrist"):
         of_joint(guesses, "hand")
+
+
+LEG = pandas.DataFrame({"stamp_us": 1e6 * TIME, "HFE enc (deg)": 0.0 * ANGLE, "KFE enc (deg)": ANGLE,
+                        "KFE vel (rpm)": ANGLE, "KFE trq (mNm)": ANGLE})  # fmt: skip
+
+
+def test_a_column_with_a_word_that_only_one_joint_of_the_model_has_is_its_own() -> None:
+    joints = ["FL_HFE", "FL_KFE"]
+    guesses = guess_columns({"": LEG}, joints)
+    assert {guess.column[:3]: guess.joint for guess in guesses} == {"HFE": "FL_HFE", "KFE": "FL_KFE"}
+    assert of_joint(guesses, "FL_KFE")["position"].column == "KFE enc (deg)"
+    # With several legs the word belongs to several joints; a joint whose whole name is there needs no word.
+    assert {each.joint for each in guess_columns({"": LEG}, [*joints, "FR_HFE", "FR_KFE"])} == {""}
+    whole = LEG.rename(columns=lambda name: name.replace("KFE", "FL_KFE"))
+    wrist = whole.assign(**{"FL wrist enc (deg)": ANGLE})
+    assert {each.column: each.joint for each in guess_columns({"": wrist}, ["FL_KFE"])}["FL wrist enc (deg)"] == ""
+
+
+def test_the_word_that_differs_between_positions_is_the_joint_without_a_model() -> None:
+    assert [guess.joint for guess in guess_columns({"": LEG})] == ["HFE", "KFE", "KFE", "KFE"]
+    two_signals = LEG.rename(columns=lambda name: name.replace("HFE", "raw").replace("KFE", "filtered"))
+    guesses = guess_columns({"": two_signals})
+    assert {guess.joint for guess in guesses} == {""}
+    (remark, _) = entries_of({"": two_signals}, guesses, "").remarks
+    assert remark.startswith("several columns look like the position: raw enc (deg), filtered enc (deg); 'raw")
 
 
 def test_columns_of_a_temperature_a_duty_and_a_rate_are_not_the_motion() -> None:

@@ -320,3 +320,8 @@ class Wire(Part):
         for channel, entry in self.columns.items():
             entry.check_unit(channel)
         return self
+
+    @property
+    def topics_of_columns(self) -> bool:
+        """Whether a bag is read by the columns of its topics, and not by the names of the joints."""
+        return any(entry.topic for entry in self.columns.values())

@@ -178,6 +178,13 @@ def test_a_payload_becomes_a_link_of_an_sdf(tmp_path: Path) -> None:
     assert root.find(f".//joint[@name='{device.link_joint}_payload_1_fixed']") is not None and made.notes == ()
 
 
+def test_a_urdf_is_no_model_to_write_mjcf_into(tmp_path: Path) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_text(URDF)
+    with pytest.raises(ParameterError, match="is a URDF: use --to urdf"):
+        export(load_device("dfki_simple_pendulum"), (), "mjcf", into=path, joint="shoulder")
+
+
 @pytest.mark.parametrize("to", ["urdf", "mjcf"])
 def test_the_payload_of_an_arm_loads_its_joints(to: str, robot: Path, tmp_path: Path) -> None:
     payload = Payload("shoulder", (), 0.8, 0.01, (0.1, 0.05, -0.3), (0.01, 0.01, 0.01), 0.9)

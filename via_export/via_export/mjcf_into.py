@@ -29,8 +29,10 @@ TARGETS = ("joint", "jointinparent")
 def into(root: Element, target: Target, name: str, model: Any) -> list[str]:
     """Edit the model `root` in place; `model` is the same, compiled. Returns notes for the user.
 
-    Raises ParameterError if it has no hinge or slide of that name, or if that is in an included file.
+    Raises ParameterError if it is a URDF, has no hinge or slide of that name, or has it in an included file.
     """
+    if root.tag == "robot":
+        raise ParameterError("the given model is a URDF: use --to urdf, or leave --into away")
     body, joint = _find(root, name, model)
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
     in_degrees = _in_degrees(root)

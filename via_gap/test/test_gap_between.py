@@ -71,3 +71,5 @@ def test_lines_act_late_and_pass_the_samples():
     moved = acting(in_lines(log, 0.002), grid)["external_torque"]
     assert moved == pytest.approx(3.0 * np.maximum(grid + 0.0005 - 0.002, 0.0))
     assert "4 ms" in lines_finding(in_lines(log, 0.002)).text
+    # Lines as late as steps of 10 ms are no sign of commands between the samples.
+    assert "no command is missing" in lines_finding(in_lines(log, 0.0045)).text

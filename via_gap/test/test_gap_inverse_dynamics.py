@@ -86,6 +86,18 @@ def test_a_drive_that_gives_nothing_lacks_more_not_less(device):
     assert sizes[1] / len(view.windows.axes) > 0.5 * nothing  # no better than no model
 
 
+def test_rows_on_several_threads_give_the_bits_of_one_row_at_a_time():
+    """Also where each row has commands of its own, more than the record keeps."""
+    device = rigid()
+    log = log_of(device, (), seed=5, duration=6.0, tolerance=0.0)
+    segments = cut_log(log)
+    view = InverseDynamics.of(segments, np.arange(len(segments)))
+    plant = JointPlant.from_device(device)
+    delays = [Effect("actuator_delay", "command", {"delay": 0.002 * k}) for k in range(1, 13)]
+    rows = np.stack([plant.with_effects([each]).parameters for each in delays])
+    np.testing.assert_array_equal(view.residual(rows), np.concatenate([view.residual(row[None]) for row in rows]))
+
+
 def test_what_drives_a_joint_is_its_torque_of_a_link_behind_springs_theirs():
     log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
     segments = cut_log(log)

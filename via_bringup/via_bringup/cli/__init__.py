@@ -97,7 +97,7 @@ COMMANDS = {
     ),
     "bag info": Entry("via_bringup.cli.bag:info", "Show the topics and metadata of a bag."),
     "bag check": Entry(
-        "via_bringup.cli.bag:check", "Check a bag for faults; the exit code is 1 if any finding is an error."
+        "via_bringup.cli.bag:check", "Check a recording for faults; the exit code is 1 if any finding is an error."
     ),
     "bag recover": Entry("via_bringup.cli.bag:recover", "Write all readable messages of a damaged bag to a new bag."),
     "bag record": Entry(

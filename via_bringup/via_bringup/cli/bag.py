@@ -83,11 +83,11 @@ def info(bag: BagPath) -> None:
 
 
 def check(
-    bag: BagPath,
+    bag: Annotated[Path, typer.Argument(help="Bag folder or .mcap file; with --device also a table.")],
     device: Annotated[str, typer.Option(help="Device name or path to its YAML: also check the joint against it.")] = "",
     joint_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = "/joint_states",
 ) -> None:
-    """Check a bag for faults; the exit code is 1 if any finding is an error."""
+    """Check a recording for faults; the exit code is 1 if any finding is an error."""
     findings = check_bag(bag, load_device(device) if device else None, joint_topic)
     for finding in findings:
         severity = (f"{finding.severity:>8}", SEVERITIES[finding.severity])

@@ -70,7 +70,11 @@ def map_file(
                 )
         answers.print(listing)
     seen = list(dict.fromkeys(guess.joint for guess in guesses if guess.quantity == "position"))
-    if bag:
+    if bag and "/joint_states" not in tables:
+        answers.print(
+            "a bag needs no mapping; without /joint_states, `via device new` writes the topics to wire.columns"
+        )
+    elif bag:
         answers.print("a bag needs no mapping: a device file finds its joint by name, for example")
         for name in seen[:3]:
             answers.print(f"  wire: {{link: {name}, motors: [{name}]}}")

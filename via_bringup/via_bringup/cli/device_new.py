@@ -25,7 +25,7 @@ def new(
     log: Annotated[
         Path | None, typer.Option(help="Recording of the joint, of any format that `via bag map` reads.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="File to write; default: JOINT.yaml.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; default: JOINT.yaml, in lower case.")] = None,
     at: Annotated[
         list[str] | None, typer.Option(help="Angle of another joint, JOINT=RAD (repeat for several).")
     ] = None,

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
-from via_core.devices import Device, load_device
+from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_core.text_files import read_text, write_text
 from via_gap.design.proposal import with_proposal
 from via_gap.diagnosis import diagnose as diagnosed
-from via_gap.logs.log import JointLog, read_logs
+from via_gap.logs.log import read_logs
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
 from via_gap.report.report import read_report, save_repair
@@ -23,18 +22,9 @@ from via_gap.report.withheld import before_and_after
 from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, working
+from via_bringup.cli.gap_arm import Arm, CountsPerTurn, TorqueConstant, diagnosed_arm, joint_of_arm
 from via_bringup.cli.outputs import check_files
 from via_bringup.cli.own_effects import OwnEffects
-
-if TYPE_CHECKING:
-    from via_gap.run.arms import ArmDiagnosis
-
-Arm = Annotated[
-    str | None,
-    typer.Option(
-        help="Arm with rigid joints: name, path to its YAML, or URDF or MJCF file; each log has all its joints."
-    ),
-]
 
 
 def diagnose(
@@ -51,6 +41,8 @@ def diagnose(
     effects_out: Annotated[
         Path | None, typer.Option(help="Write the effects and refitted device parameters to this effects file.")
     ] = None,
+    counts_per_turn: CountsPerTurn = None,
+    torque_constant: TorqueConstant = None,
     own_effects: OwnEffects = None,
 ) -> None:
     """Locate the gap between logs and model, identify its causes, and report the fraction that they explain.
@@ -64,7 +56,7 @@ def diagnose(
     with working("reading and diagnosing") as progress:
         payload = None
         if arm is not None:
-            found = _of_arm(arm, logs, holdout or (), progress)
+            found = diagnosed_arm(arm, logs, holdout or (), (counts_per_turn, torque_constant), progress)
             payload, reports = found.payload, found.reports
         else:
             described = load_device(device or "")
@@ -92,16 +84,6 @@ def diagnose(
                 answers.print(f"wrote {_named(path, joint)}")
         if out is not None and device is not None and report.repaired():
             answers.print(f"next: via export {out} --device {device} --to mjcf --check {logs[0]}", soft_wrap=True)
-
-
-def _of_arm(
-    arm: str, logs: list[Path], holdout: Sequence[Path], progress: Callable[[str, float], None]
-) -> ArmDiagnosis:
-    from via_gap.run.arms import diagnose_arm, find_arm, read_arm_log  # importing pinocchio takes a second
-
-    whole = find_arm(arm, logs[0])
-    read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
-    return diagnose_arm(whole, read, held, progress)
 
 
 def _named(path: Path, joint: str) -> Path:
@@ -134,6 +116,8 @@ def simulate(
     arm: Arm = None,
     payload: Annotated[Path | None, typer.Option(help="report_payload.json of `via gap diagnose --arm`.")] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
+    counts_per_turn: CountsPerTurn = None,
+    torque_constant: TorqueConstant = None,
     own_effects: OwnEffects = None,
 ) -> None:
     """Simulate logs without and with effects and print both errors against the measurement.
@@ -146,7 +130,7 @@ def simulate(
     added = load_effects(effects) if effects is not None else saved.repaired() if saved is not None else ()
     held_out = saved.held_out if saved is not None else ()
     if arm is not None:
-        read = _joint_of_arm(arm, described, logs, payload)
+        read = joint_of_arm(arm, described, logs, payload, (counts_per_turn, torque_constant))
     else:
         read = read_logs(logs, described)
     by_equations = arm is not None or (saved is not None and saved.by_equations)
@@ -164,15 +148,3 @@ def simulate(
         content = {"before": before.overall, "after": after.overall, "floor": floor, "signals": signals}
         write_text(out, json.dumps(content, indent=2) + "\n")
         answers.print(f"wrote {out}")
-
-
-def _joint_of_arm(arm: str, device: Device, logs: list[Path], payload: Path | None) -> list[JointLog]:
-    from via_gap.run.arms import find_arm, read_arm_log, read_payload, with_payload
-
-    whole = find_arm(arm, logs[0])
-    if payload is not None:
-        whole = with_payload(whole, read_payload(payload))
-    names = [each.name for each in whole.devices]
-    if device.name not in names:
-        raise ViaError(f"'{device.name}' is not a joint of '{whole.name}', which has: {', '.join(names)}")
-    return [read_arm_log(path, whole)[names.index(device.name)] for path in logs]

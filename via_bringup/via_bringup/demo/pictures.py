@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from via_gap.logs.replay import Gap
 
 REAL, MODEL, REFERENCE, FAINT = "#1b4965", "#d1495b", "#5a5a5a", "#9aa5b1"
 
+SMALL = (6.2, 2.7)  # [in] of a picture on the first screen
 STYLE = {
     "font.size": 12,
     "axes.spines.top": False,
@@ -40,6 +41,44 @@ class Band:
     standard_deviation: Array  # (N,)
     reference: Array  # (N,)
     trusted: Array  # (N,) bool: status OK
+
+
+def estimates(damping: Band, stiffness: Band, path: Path) -> None:
+    """Damping and stiffness of one run over time, each with its 95 % band and its reference."""
+    with plt.rc_context({**STYLE, "font.size": 9}):
+        figure, panels = plt.subplots(1, 2, figsize=SMALL, constrained_layout=True)
+        for axes, band, label in zip(
+            panels, (damping, stiffness), ("damping [N m s/rad]", "stiffness [N m/rad]"), strict=True
+        ):
+            _band(axes, band, "model", "")
+            axes.get_legend().remove()
+            axes.set(title=label, xlabel="time [s]")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=8)
+        _save(figure, path)
+
+
+def angles(gap: Gap, path: Path) -> None:
+    """Measured and simulated joint angle of one run."""
+    with plt.rc_context({**STYLE, "font.size": 9}):
+        figure, axes = plt.subplots(figsize=SMALL, constrained_layout=True)
+        axes.plot(gap.time - gap.time[0], gap.measured, color=REAL, label="measured")
+        axes.plot(gap.time - gap.time[0], gap.simulated, color=MODEL, linestyle="--", label="model")
+        axes.set(xlabel="time [s]", ylabel="joint angle [rad]")
+        _legend(axes)
+        _save(figure, path)
+
+
+def shares(values: Mapping[str, float], marked: Collection[str], label: str, path: Path) -> None:
+    """Horizontal bars of shares [-] by name in percent, the first on top; those not `marked` are faint."""
+    with plt.rc_context({**STYLE, "font.size": 9, "axes.grid": False}):
+        figure, axes = plt.subplots(figsize=SMALL, constrained_layout=True)
+        names = list(values)
+        lengths = [100.0 * value for value in values.values()]
+        bars = axes.barh(names, lengths, color=[REAL if name in marked else FAINT for name in names])
+        axes.bar_label(bars, [f"{length:.2g} %" if length >= 0.1 else "below 0.1 %" for length in lengths], padding=3)
+        axes.invert_yaxis()
+        axes.set(xlabel=label, xlim=(0.0, 1.15 * max(lengths)))
+        _save(figure, path)
 
 
 def gap_traces(gaps: Mapping[str, Gap], path: Path) -> None:

@@ -22,7 +22,7 @@ from via_ros.composition import Composition
 from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder
 
-from via_bringup.demo.pictures import Band, Column, by_strategy, gap_traces, run_in_detail
+from via_bringup.demo.pictures import Band, Column, angles, by_strategy, estimates, gap_traces, run_in_detail
 from via_bringup.demo.summary import Quantity, RefusedRecording, RobotPart, RobotRun, Traffic
 
 DEVICE = "maccepavd"
@@ -72,7 +72,7 @@ class EvaluatedRun:
 
 
 def real_robot(recordings: Path, source: str, out: Path, progress: Progress) -> RobotPart:
-    """Parts 1 to 3 of the demo. Writes `bags/robot`, `bags/robot_estimates` and four pictures below `out`.
+    """Parts 1 to 3 of the demo. Writes `bags/robot`, `bags/robot_estimates` and six pictures below `out`.
 
     recordings  folder with the layout of the mapping
     source      its name in the summary
@@ -188,6 +188,8 @@ def _draw(runs: Sequence[EvaluatedRun], pictures: Path) -> None:
     shown = middle.get(IN_DETAIL, runs[0])
     title, bands = f"{_name(shown)}, real robot", (shown.damping.band, shown.stiffness.band)
     run_in_detail(title, shown.gap, shown.equilibrium, *bands, pictures / "run.png")
+    estimates(*bands, pictures / "joint.png")
+    angles(shown.gap, pictures / "model.png")
 
 
 def _grouped(runs: Sequence[EvaluatedRun]) -> dict[str, list[EvaluatedRun]]:

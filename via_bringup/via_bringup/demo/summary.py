@@ -97,10 +97,13 @@ class DiagnosisPart(Record):
 
     verdict: str
     headline: str
+    cautions: str  # reservations that belong to it
+    next: str  # what to do now; '' if nothing
     named: list[str]
     runs: int
     before: float | None  # gap on held-out data [-]; None if not evaluated
-    after: float | None
+    tuned: float | None  # with the numbers of the model fitted
+    after: float | None  # with the named effects as well
     page: str
 
 

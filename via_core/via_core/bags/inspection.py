@@ -14,9 +14,11 @@ from via_core.bags.findings import Finding
 from via_core.bags.joints import joint_signals
 from via_core.bags.losses import NOTABLE, losses
 from via_core.bags.reader import Bag, Columns, Topic, read_bag
-from via_core.bags.recording_checks import GAP_PERIODS, check_recording
+from via_core.bags.recording_checks import GAP_PERIODS, check_recording, check_samples
 from via_core.devices import Device
-from via_core.errors import BagError
+from via_core.errors import BagError, SignalError
+from via_core.recordings.channels import read_joint
+from via_core.recordings.tables import is_table
 from via_core.signals import Array, Signals
 from via_core.wire import JOINT_STATE, VSA_COMMAND
 
@@ -72,8 +74,10 @@ def _topic_info(topic: Topic) -> TopicInfo:
 def check(path: str | Path, device: Device | None = None, joint_topic: str = "/joint_states") -> list[Finding]:
     """Problems of a recording that affect estimation; with a `device` also missing or implausible signals of it.
 
-    Raises BagError when nothing can be read from `path`.
+    A table is checked as the recording of its device. Raises BagError when nothing can be read from `path`.
     """
+    if is_table(Path(path)):
+        return _check_table(Path(path), device)
     bag = read_bag(path)
     findings = [Finding("warning", "file", bag.path.name, remark, 1.0) for remark in bag.remarks]
     for name in sorted(bag.topics):
@@ -81,6 +85,16 @@ def check(path: str | Path, device: Device | None = None, joint_topic: str = "/j
     if device is not None:
         findings += _check_joint(bag, device, joint_topic)
     return findings
+
+
+def _check_table(path: Path, device: Device | None) -> list[Finding]:
+    if device is None:
+        raise BagError(f"{path.name} is no bag but a table: add --device, whose wire.columns say what its columns hold")
+    try:
+        measured, commands, _ = read_joint(path, device)
+    except SignalError as error:
+        return [Finding("error", "joint", device.name, str(error), 1.0)]
+    return [*check_samples(measured.time, {"q": measured["q"]}), *check_recording(measured, commands, device)]
 
 
 def _check_topic(bag: Bag, name: str) -> list[Finding]:
@@ -193,8 +207,11 @@ def _series(columns: Columns) -> list[tuple[str, Array]]:
 
 def _check_joint(bag: Bag, device: Device, joint_topic: str) -> list[Finding]:
     try:
-        measured, commands, reports = joint_signals(bag, device, joint_topic)
-    except BagError as error:
+        if device.wire.topics_of_columns:
+            measured, commands, reports = read_joint(bag.path, device)
+        else:
+            measured, commands, reports = joint_signals(bag, device, joint_topic)
+    except (BagError, SignalError) as error:
         return [Finding("error", "joint", device.name, str(error), 1.0)]
     findings = []
     for report in reports:

@@ -44,7 +44,7 @@ def entries_of(
         there = ", ".join(f"'{each.column}'" for each in guesses) or "none"
         raise SignalError(f"no column looks like a position; there are: {there}; name it under wire.columns as q")
     found = _by_values(tables, chosen)
-    remarks, columns = [], {}
+    remarks, columns, explained = [], {}, set()
     time = guess_time(tables[chosen["position"].table], bag)
     if time is None:
         raise SignalError("no column of the recording increases like a time")
@@ -71,6 +71,7 @@ def entries_of(
             entry["counts_per_turn"] = constants.counts_per_turn
         if quantity == "current":
             if constants.torque_constant is None:
+                explained.add(guess.column)
                 remarks.append(
                     f"column '{guess.column}' looks like a current and is not used; --torque-constant makes it a "
                     "torque: write N m/A at the joint, which is the constant of the motor times the gear ratio"
@@ -81,7 +82,13 @@ def entries_of(
             entry,
             f"{guess.reason}{'' if guess.sure or 'check' in guess.reason else f'; taken as {guess.unit}'}",
         )
-    used = {each[0]["column"] for each in columns.values()} | {time.column}
+    positions = [each.column for each in guesses if each.quantity == "position" and each.joint in ("", joint)]
+    if len(positions) > 1 and not bag:
+        remarks.append(
+            f"several columns look like the position: {', '.join(positions)}; '{chosen['position'].column}' is used; "
+            "check q under wire.columns"
+        )
+    used = {each[0]["column"] for each in columns.values()} | {time.column} | explained
     left = [each.column for each in guesses if each.column not in used and each.joint in ("", joint) and not bag]
     if left:
         remarks.append(f"columns not used: {', '.join(left[:12])}{' ...' if len(left) > 12 else ''}")
@@ -107,7 +114,7 @@ def _by_values(tables: Tables, chosen: Mapping[Quantity, ColumnGuess]) -> Mappin
         if COUNTS.fullmatch(command.unit) or COUNTS.fullmatch(position.unit)
         else factor(command.unit) / factor(position.unit)
     )
-    if np.sqrt(np.mean((scale * u[both] - q[both]) ** 2)) < np.std(q[both]):
+    if np.sqrt(np.mean((scale * u[both] - q[both]) ** 2)) <= np.std(q[both]):
         return chosen
     reason = "a command far from the position, taken as torque; check"
     changed: dict[Quantity, ColumnGuess] = {

@@ -35,6 +35,11 @@ WORDS = {
     },
     "neither": {"error", "err", "acc", "acceleration", "accelerations", "qdd", "ddq", "temperature", "temp", "voltage"},
 }  # fmt: skip
+# Words that say what a signal is or where it is measured, not which joint it belongs to.
+OF_ANY_JOINT = {
+    "joint", "link", "axis", "motor", "drive", "actuator", "output", "input", "actual", "act", "measured", "meas",
+    "raw", "filtered", "filt",
+}.union(*WORDS.values())  # fmt: skip
 MEASURED = ("position", "velocity", "torque", "current")
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N m", "current": "A", "position command": "rad",
          "torque command": "N m"}  # fmt: skip
@@ -141,13 +146,20 @@ def guess_columns(
 ) -> list[ColumnGuess]:
     """Guesses for all columns but times, in order.
 
-    joints  names of the robot's joints, base first: names in a column's name, or numbers counted from 0 or 1
+    joints  names of the robot's joints, base first: whole names in a column's name, else words of them that no other
+            joint has, or numbers counted from 0 or 1
     limits  lowest and highest position [rad] of joints, which distinguish rad from deg
     """
     found: list[ColumnGuess] = []
+    everything = " ".join(_plain(str(name)) for frame in tables.values() for name in frame.columns)
+    shortened = {joint: _words_of(joint) for joint in joints if _plain(joint) not in everything}
     for table, frame in tables.items():
         time = guess_time(frame, bag)
-        own = [_by_name(table, str(name), joints, bag) for name in frame.columns if time is None or name != time.column]
+        own = [
+            _by_name(table, str(name), joints, shortened, bag)
+            for name in frame.columns
+            if time is None or name != time.column
+        ]
         for guess in own:
             if guess.quantity:
                 try:
@@ -157,7 +169,7 @@ def guess_columns(
                 else:
                     guess = _by_values(guess, values, (limits or {}).get(guess.joint))
             found.append(guess)
-    named = _numbered(found if joints else _by_path(found), joints)
+    named = _numbered(found if joints else _by_word(_by_path(found)), joints)
     return [_by_slope(guess, named, tables[guess.table], bag) for guess in named]
 
 
@@ -192,12 +204,27 @@ def _by_slope(guess: ColumnGuess, guesses: Sequence[ColumnGuess], frame: DataFra
     return replace(guess, unit=unit, reason=f"{guess.reason}, unit by the change of the position")
 
 
-def _by_name(table: str, column: str, joints: Sequence[str], bag: bool) -> ColumnGuess:
-    plain = re.sub(r"[^a-z0-9]", "", column.lower())
-    named = [
-        joint for joint in sorted(joints, key=len, reverse=True) if re.sub(r"[^a-z0-9]", "", joint.lower()) in plain
-    ]
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _words_of(joint: str) -> set[str]:
+    """Words of a joint's name that can stand for it."""
+    return {word for word in split_name(joint)[0] if not word.isdigit()} - OF_ANY_JOINT
+
+
+def _by_name(
+    table: str, column: str, joints: Sequence[str], shortened: Mapping[str, set[str]], bag: bool
+) -> ColumnGuess:
+    named = [joint for joint in sorted(joints, key=len, reverse=True) if _plain(joint) in _plain(column)]
     words, unit = split_name(column)
+    if not named:
+        common = {joint: of_joint & set(words) for joint, of_joint in shortened.items()}
+        named = [
+            joint
+            for joint, shared in common.items()
+            if shared and not any(shared <= _words_of(other) for other in joints if other != joint)
+        ]
     if bag and "." in column:  # joint.member of a message
         joint, _, member = column.partition(".")
         named, words = [joint], split_name(member)[0]
@@ -275,6 +302,27 @@ def _by_path(guesses: list[ColumnGuess]) -> list[ColumnGuess]:
         named = guess.quantity and not guess.joint and len(frame) > 1 and len(different) == 1
         made.append(replace(guess, joint=different[0]) if named else guess)
     return made
+
+
+def _by_word(guesses: list[ColumnGuess]) -> list[ColumnGuess]:
+    """The joint of names without parts, as `elbow_pos`, `wrist_pos` and `wrist_tau`: the word that differs between
+    positions, if a column of another quantity has it as well.
+    """
+    words: list[set[str]] = [set(split_name(guess.column)[0]) for guess in guesses]
+    free = [own for own, guess in zip(words, guesses, strict=True) if guess.quantity == "position" and not guess.joint]
+    different = [{word for word in own if not all(word in other for other in free)} for own in free]
+    joints = set().union(*different)
+    others = [own for own, guess in zip(words, guesses, strict=True) if guess.quantity not in ("position", "")]
+    if len(free) < 2 or any(len(own) != 1 for own in different) or joints & OF_ANY_JOINT:
+        return guesses
+    if not joints & set().union(*others):
+        return guesses
+    found = []
+    for guess, own in zip(guesses, words, strict=True):
+        word, *more = own & joints or {""}
+        written = re.search(word, guess.column, re.IGNORECASE)
+        found.append(replace(guess, joint=written[0]) if written and not more and not guess.joint else guess)
+    return found
 
 
 def _numbered(guesses: list[ColumnGuess], joints: Sequence[str]) -> list[ColumnGuess]:

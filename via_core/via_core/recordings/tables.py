@@ -41,6 +41,11 @@ def is_bag(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() in BAGS
 
 
+def is_table(path: Path) -> bool:
+    """Whether a path is a file of another format that `read_tables` reads."""
+    return path.is_file() and path.suffix.lower() in _READERS
+
+
 def read_tables(path: str | Path) -> Tables:
     """All tables of a recording by name; '' is the name of the only one. Raises ViaError in one line."""
     path = Path(path)

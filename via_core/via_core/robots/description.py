@@ -188,12 +188,9 @@ def _friction(description: Description, name: str, value: float | None, word: st
 def guess_gains(description: Description) -> None:
     """Gains of a position drive whose model states none: 5 Hz of bandwidth, damping ratio .7 with its inertia."""
     inertia, w = description.numbers["inertia"].value, 2.0 * np.pi * 5.0
-    note = "5 Hz of bandwidth; fitted to the log in a diagnosis"
+    note = "5 Hz of bandwidth"
     description.numbers["kp"] = Number(inertia * w**2, "guessed", note, GUESS)
     description.numbers["kd"] = Number(1.4 * inertia * w, "guessed", "damping ratio .7 at that bandwidth", GUESS)
-    description.remarks.append(
-        "the recording has goals and no torque, and the model no gains: kp and kd are guesses, write yours"
-    )
 
 
 def device_name(joint: str) -> str:

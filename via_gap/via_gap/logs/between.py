@@ -55,10 +55,18 @@ def along(time: Array, known: Array, values: Array) -> Array:
 
 def lines_finding(log: JointLog) -> Finding:
     """The finding on a log that interpolated commands explain better."""
-    late = 1e3 * (log.lined or 0.0)
-    text = (
-        "commands changed between the samples of the log: linear interpolation, "
-        f"{late:.2g} ms late, explains the motion clearly better than steps. The controller has a period of "
-        f"{2.0 * late:.2g} ms, or commands are delayed by {late:.2g} ms: record at the rate of the controller"
-    )
-    return log.finding("between samples", "commands", "note", late, text)
+    late = log.lined or 0.0
+    better = f"linear interpolation, {1e3 * late:.2g} ms late, explains the motion clearly better than steps"
+    if late > 0.0 and round(period_of(log) / (2.0 * late)) == 1:  # no command lies between two samples
+        text = (
+            f"{better} and is as late as steps at the rate of the log: no command is missing; interpolation averages "
+            "the noise of stamps and recorded values"
+        )
+    elif late > 0.0:
+        text = (
+            f"commands changed between the samples of the log: {better}. The controller has a period of "
+            f"{2e3 * late:.2g} ms, or commands are delayed by {1e3 * late:.2g} ms: record at the rate of the controller"
+        )
+    else:
+        text = f"commands changed between the samples of the log: {better}: record at the rate of the controller"
+    return log.finding("between samples", "commands", "note", 1e3 * late, text)

@@ -154,7 +154,7 @@ def read_log(path: str | Path, device: Device, joint_topic: str = "/joint_states
     A bag is read by the names of the joints, unless the device file assigns columns of topics under `wire.columns`.
     """
     where = Path(path)
-    if not is_bag(where) or any(entry.topic for entry in device.wire.columns.values()):
+    if not is_bag(where) or device.wire.topics_of_columns:
         return JointLog.of(where.name, device, read_joint(where, device))
     bag = read_bag(where)
     log = JointLog.of(where.name, device, joint_signals(bag, device, joint_topic))

@@ -4,7 +4,8 @@ Numbers of a joint without model: least squares of
 
     M qdd + D qd + C sign(qd) + a sin q + b cos q = tau
 
-with all terms smoothed by the same Gaussian, whose derivatives give qd and qdd of the smoothed angle exactly.
+with all terms smoothed by the same Gaussian, whose derivatives give qd and qdd of the smoothed angle exactly. Gains of
+a position drive come from the same equation with tau = kp (goal - q) - kd qd and the gravity torque of the model.
 """
 
 from __future__ import annotations
@@ -56,27 +57,13 @@ def fit_joint(log: JointLog) -> dict[str, Fitted]:
             f"{log.name}: without a torque no inertia can be measured; add the URDF or MJCF file, or answer the "
             "questions of `via device new`"
         )
-    period = float(np.median(np.diff(log.measured.time)))
-    grid = np.arange(log.measured.time[0], log.measured.time[-1], period)
-    seen = np.isfinite(log.measured["q"])
-    q = np.interp(grid, log.measured.time[seen], log.measured["q"][seen])
-    tau = np.interp(grid, log.measured.time, np.nan_to_num(torque[:, 0]))
-    width = SMOOTHING / period
-
-    def smooth(values: Array, order: int = 0) -> Array:
-        return np.asarray(gaussian_filter1d(values, width, order=order)) / period**order
-
-    speed = smooth(q, 1)
-    columns = [smooth(q, 2), speed, smooth(np.sign(speed)), smooth(np.sin(q)), smooth(np.cos(q))]
-    edge = int(4 * width) + 1
-    terms, wanted = np.stack(columns, axis=1)[edge:-edge], smooth(tau)[edge:-edge]
+    motion = _Motion.of(log)
+    tau = np.interp(motion.time, log.measured.time, np.nan_to_num(torque[:, 0]))
+    columns = [*motion.dynamics, motion.smooth(np.sin(motion.q)), motion.smooth(np.cos(motion.q))]
+    terms, wanted = np.stack(columns, axis=1)[motion.inside], motion.smooth(tau)[motion.inside]
     if len(wanted) < 20 * terms.shape[1]:
         raise SignalError(f"{log.name}: {len(wanted)} samples are too few to measure an inertia")
-    values, *_ = np.linalg.lstsq(terms, wanted, rcond=None)
-    left = wanted - terms @ values
-    memory = max(1.0, 1.0 + 2.0 * sum(_correlations(left)))
-    covariance = np.linalg.pinv(terms.T @ terms) * float(left @ left) / len(left) * memory
-    sd = np.sqrt(np.diag(covariance))
+    values, sd = _least_squares(terms, wanted)
     if not values[0] > 2.0 * sd[0]:
         raise SignalError(f"{log.name}: its motion does not determine an inertia; add the URDF or MJCF of the robot")
     gravity = float(np.hypot(values[3], values[4]))
@@ -87,6 +74,72 @@ def fit_joint(log: JointLog) -> dict[str, Fitted]:
     found["gravity_torque"] = Fitted(gravity if strong else 0.0, float(np.hypot(sd[3], sd[4])))
     found["gravity_angle"] = Fitted(float(np.arctan2(-values[4], values[3])) if strong else 0.0, 0.0)
     return found
+
+
+def fit_gains(log: JointLog, gravity_torque: float, gravity_angle: float) -> dict[str, Fitted]:
+    """kp and kd of a position drive by the gravity [N m] that it holds; empty where the motion does not show them.
+
+    kd includes the viscous friction of the joint, and kp times the delay of the drive.
+    """
+    if log.commands is None or "equilibrium" not in log.commands or gravity_torque == 0.0:
+        return {}
+    motion = _Motion.of(log)
+    last = np.maximum(np.searchsorted(log.commands.time, motion.time, side="right") - 1, 0)
+    error = log.commands["equilibrium"][last] - motion.q
+    on = motion.smooth(np.isfinite(error).astype(float)) > 1.0 - 1e-9
+    on[: motion.inside.start] = on[motion.inside.stop :] = False
+    # The error of the drive is the dependent variable: a joint that sticks and coarse encoders disturb it most.
+    gravity = motion.smooth(gravity_torque * np.sin(motion.q - gravity_angle))
+    terms = np.stack([gravity, *motion.dynamics], axis=1)
+    if on.sum() < 20 * terms.shape[1]:
+        return {}
+    values, sd = _least_squares(terms[on], motion.smooth(np.nan_to_num(error))[on])
+    if not values[0] > 3.0 * sd[0]:
+        return {}
+    kp = Fitted(1.0 / float(values[0]), float(sd[0] / values[0] ** 2))
+    kd = Fitted(float(values[2] / values[0]), float(sd[2] / values[0]))
+    return {"kp": kp, "kd": kd} if kd.value > 3.0 * kd.sd else {"kp": kp}
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """The angle (N,) [rad] of a log on an even grid of times (N,) [s], and the filter of the regressions."""
+
+    time: Array
+    q: Array
+    period: float
+
+    @staticmethod
+    def of(log: JointLog) -> _Motion:
+        period = float(np.median(np.diff(log.measured.time)))
+        time = np.arange(log.measured.time[0], log.measured.time[-1], period)
+        seen = np.isfinite(log.measured["q"])
+        return _Motion(time, np.interp(time, log.measured.time[seen], log.measured["q"][seen]), period)
+
+    def smooth(self, values: Array, order: int = 0) -> Array:
+        """(N,) filtered values, or their derivative of that order."""
+        return np.asarray(gaussian_filter1d(values, SMOOTHING / self.period, order=order)) / self.period**order
+
+    @property
+    def dynamics(self) -> tuple[Array, Array, Array]:
+        """Factors (N,) of inertia, viscous and dry friction."""
+        speed = self.smooth(self.q, 1)
+        return self.smooth(self.q, 2), speed, self.smooth(np.sign(speed))
+
+    @property
+    def inside(self) -> slice:
+        """Samples that the ends of the log do not affect."""
+        edge = int(4.0 * SMOOTHING / self.period) + 1
+        return slice(edge, -edge)
+
+
+def _least_squares(terms: Array, wanted: Array) -> tuple[Array, Array]:
+    """Coefficients (p,) of the terms (N, p) and their standard deviations, widened by the residual's correlation."""
+    values, *_ = np.linalg.lstsq(terms, wanted, rcond=None)
+    left = wanted - terms @ values
+    memory = max(1.0, 1.0 + 2.0 * sum(_correlations(left)))
+    covariance = np.linalg.pinv(terms.T @ terms) * float(left @ left) / len(left) * memory
+    return np.asarray(values), np.sqrt(np.diag(covariance))
 
 
 def _correlations(left: Array) -> list[float]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -32,6 +32,7 @@ from via_sim.plants import JointPlant
 from via_gap.residual.equation_torques import EquationTorques, equation_torques
 from via_gap.residual.record import Record
 from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.threads import together
 
 WINDOW = 0.06  # [s]
 STRIDE = 0.5  # of a window
@@ -134,7 +135,13 @@ class InverseDynamics:
 
     def residual(self, rows: Array) -> Array:
         """Missing torque in units of the floor (K, C, w a) of rows (K, N_PARAMETERS)."""
-        return np.stack([self._missing(row) for row in rows])
+        out = np.empty((len(rows), len(self.first), self.size))
+
+        def evaluate(k: int) -> None:
+            out[k] = self._missing(rows[k])
+
+        together(partial(evaluate, k) for k in range(len(rows)))
+        return out
 
     def baseline(self) -> Array:
         """(C, w a) the drive's torque minus its mean, in units of the floor: the residual without a model."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
+from threading import Lock
 
 import numpy as np
 from via_core.dampers import N_DAMPER_COEFFICIENTS, damper_value
@@ -19,7 +20,9 @@ from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_
 from via_sim.joint.terms import saturated, terms_at
 from via_sim.joint.torques import bare, compiled
 
-_CACHED = 2  # means: a fit alternates between its parameters and a variation of one of them
+from via_gap.residual.threads import THREADS
+
+_CACHED = 2 * THREADS  # means: a fit alternates between its parameters and a variation of one of them
 _COMMAND_SLOTS = [getattr(P, slot) + axis for term in terms_at("command") for slot in term.slots for axis in range(3)]
 _SLOTS = np.r_[  # of a row: all that means of commands depend on
     P.axis_kind : P.axis_kind + 3, P.torque_limit : P.torque_limit + 2, P.link_drive, _COMMAND_SLOTS,
@@ -49,6 +52,7 @@ class Record:
     commands: Array
     sensed: bool = False
     _means: OrderedDict[bytes, tuple[Array, Array]] = field(default_factory=OrderedDict, init=False, repr=False)
+    _lock: Lock = field(default_factory=Lock, init=False, repr=False)
 
     def __post_init__(self) -> None:
         count = len(self.command_time)
@@ -73,16 +77,19 @@ class Record:
         last results are cached.
         """
         key = row[_SLOTS].tobytes()
-        if key not in self._means:
+        found = self._means.get(key)
+        if found is None:
             made = []
             for delay in sorted({row[P.delay], 0.0}, reverse=True):
                 made.append(np.empty((len(self), N_COMMANDS)))
                 _means_of_cells(row, self.time, self.command_time, self.commands, self.sensed, delay, made[-1])
-            self._means[key] = made[0], made[-1]
-        self._means.move_to_end(key)
-        if len(self._means) > _CACHED:
-            self._means.popitem(last=False)
-        return self._means[key]
+            found = made[0], made[-1]
+        with self._lock:  # rows are evaluated on several threads
+            self._means[key] = found
+            self._means.move_to_end(key)
+            if len(self._means) > _CACHED:
+                self._means.popitem(last=False)
+        return found
 
 
 @compiled

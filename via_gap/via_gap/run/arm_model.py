@@ -25,6 +25,7 @@ from via_core.signals import Array
 
 from via_gap.run.describe import Recorded, described
 
+NONE = Constants()
 SMOOTHING = 0.03  # [s] half width of the smoothing filter for velocity and acceleration
 
 
@@ -75,15 +76,16 @@ def load_arm(name_or_path: str | Path) -> Arm:
     return _built(path.name, file, tuple(map(load_device, beside)), model)
 
 
-def find_arm(name: str, recording: Path) -> Arm:
+def find_arm(name: str, recording: Path, constants: Constants = NONE) -> Arm:
     """The arm of a URDF or MJCF file, with the joints in the recording, or the one that `load_arm` finds."""
-    return arm_of_model(Path(name), recording) if is_model(name) else load_arm(name)
+    return arm_of_model(Path(name), recording, constants) if is_model(name) else load_arm(name)
 
 
-def arm_of_model(model: Path, recording: Path) -> Arm:
+def arm_of_model(model: Path, recording: Path, constants: Constants = NONE) -> Arm:
     """The arm of a URDF or MJCF file, with the joints that a recording contains; the others are fixed at zero.
 
-    Raises ViaError where the recording has positions of no joint of the model.
+    Raises ViaError where the recording has positions of no joint of the model, or goals of a drive without gains: the
+    missing torque of an equation that contains them is smallest where all its numbers are small.
     """
     robot = read_robot(model)
     recorded = Recorded.of(recording, robot)
@@ -93,8 +95,15 @@ def arm_of_model(model: Path, recording: Path) -> Arm:
         there = ", ".join(sorted(seen - {""})) or "none with a name"
         names = ", ".join(each.name for each in robot.joints)
         raise SignalError(f"{recording}: has no joint of {model}, which has: {names}; the recording has: {there}")
-    texts = [described("arm", robot, each.name, recorded, {}, Constants()).text() for each in joints]
-    devices = tuple(parse_device(text, each.name) for text, each in zip(texts, joints, strict=True))
+    found = [described("arm", robot, each.name, recorded, {}, constants) for each in joints]
+    without = [each.joint for each in found if each.drive == "position" and each.numbers["kp"].origin != "read"]
+    if without:
+        raise SignalError(
+            f"{recording}: has goals and no torques, and {model} no gains of the position drive of "
+            f"{', '.join(without)}: state the gains in an MJCF model (<position kp=... kv=...>), record currents, or "
+            "diagnose one joint while the others rest: via device new"
+        )
+    devices = tuple(parse_device(each.text(), each.joint) for each in found)
     reduced = robot.reduced([each.name for each in joints])
     order = np.array([reduced.joints[reduced.getJointId(each.name)].idx_v for each in joints], dtype=np.intp)
     return Arm(robot.name, devices, reduced, order, np.array([each.reference for each in joints]))

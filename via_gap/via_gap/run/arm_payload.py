@@ -206,7 +206,8 @@ class _Fit:
     def against(self, other: _Fit, test: Array) -> Array:
         """(B,) log of the squared error of every held-out block over that of the other fit; weights of this one."""
         own, its = (_losses(test[:, :, each.body], each.factors, self.weight) for each in (self, other))
-        return np.log(own / its)
+        tiny = np.finfo(float).tiny  # blocks at rest have no error
+        return np.asarray(np.log((own + tiny) / (its + tiny)))
 
     def jackknife(self, train: Array, mass: _Masses) -> Array:
         """(4,) standard deviations from the scatter between blocks, within which errors are not independent."""

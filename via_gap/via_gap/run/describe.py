@@ -8,20 +8,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from via_core.device_parts import WireColumn
 from via_core.devices import parse_device
 from via_core.errors import SignalError
 from via_core.recordings.channels import joint_of
 from via_core.recordings.entries import Constants, entries_of, linear
 from via_core.recordings.guess import ColumnGuess, guess_columns
-from via_core.recordings.tables import Tables, is_bag, read_tables
+from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
 from via_core.robots.description import GUESS, RATE, Description, Number, device_name, guess_gains, of_model
 
 from via_gap.logs.log import JointLog
-from via_gap.logs.survey import fit_joint, survey
+from via_gap.logs.survey import fit_gains, fit_joint, survey
 
 if TYPE_CHECKING:
-    from via_core.robots.models import Robot
+    from via_core.robots.models import Robot, RobotJoint
 
+DRIVEN = ("torque", "current", "torque command")
+BEYOND = 0.1  # of the largest limit of a joint, by which recorded positions may be beyond the limits
 EXACT = 1e-6  # of the largest torque: less noise means that the torque was computed
 
 
@@ -94,12 +97,8 @@ def described(
         made.linear = made.linear or linear(entries)
     made.name = device_name(made.joint)
     if robot is not None and recorded is not None:
-        seen = {guess.joint for guess in recorded.guesses if guess.quantity == "position"}
-        if others := [each.name for each in robot.joints if each.name in seen and each.name != joint]:
-            made.remarks.append(
-                f"the recording also has {', '.join(others)}: where they move they act on {joint}, so diagnose all "
-                f"joints together: via gap diagnose {recorded.path} --arm {made.sources[0]}"
-            )
+        made.remarks += _others(robot, joint, recorded, made.sources[0])
+        _set_zero(made, robot.joint(joint), recorded)
     if recorded is not None:
         _choose_drive(made)
         _measure(made, recorded, robot is not None)
@@ -107,6 +106,59 @@ def described(
             made.columns = {}
     made.numbers.setdefault("rate", Number(RATE, "guessed", "no recording was given"))
     return made
+
+
+def _others(robot: Robot, joint: str, recorded: Recorded, model: str) -> list[str]:
+    """What to do about other joints of the recording: a diagnosis of all needs what drives each of them."""
+    seen = {guess.joint for guess in recorded.guesses if guess.quantity == "position"}
+    gains = {each.name for each in robot.joints if each.kp is not None}
+    driven = {
+        guess.joint
+        for guess in recorded.guesses
+        if guess.quantity in DRIVEN or (guess.quantity == "position command" and guess.joint in gains)
+    }
+    others = [each.name for each in robot.joints if each.name in seen and each.name != joint]
+    if not others:
+        return []
+    names = ", ".join(others)
+    if undriven := [name for name in others if name not in driven]:
+        return [
+            f"the recording also has {names}: where they move they act on {joint}, which a diagnosis of all joints "
+            f"together includes; it needs torque or current of {', '.join(undriven)}, or goals and a model with gains"
+        ]
+    return [
+        f"the recording also has {names}: where they move they act on {joint}, so diagnose all "
+        f"joints together: via gap diagnose {recorded.path} --arm {model}"
+    ]
+
+
+def _set_zero(made: Description, joint: RobotJoint, recorded: Recorded) -> None:
+    """The zero of counts in the middle of a turn where the limits of the joint show it, else a remark."""
+    entry = made.columns["q"][0]
+    table = next(
+        each.table
+        for each in recorded.guesses
+        if each.column == entry["column"] and each.table == entry.get("topic", each.table)
+    )
+    q = WireColumn(**entry).factor * numbers(recorded.tables[table], entry["column"])
+    low, high = float(np.nanquantile(q, 0.01)), float(np.nanquantile(q, 0.99))
+    spare = BEYOND * max(abs(joint.low), abs(joint.high))
+    least, most = joint.low - spare, joint.high + spare
+    if not joint.low < joint.high or (least <= low and high <= most):
+        return
+    if "counts_per_turn" in entry and least <= low - np.pi and high - np.pi <= most:
+        for name in ("q", "equilibrium"):
+            columns, reason = made.columns.get(name, ({}, ""))
+            if "counts_per_turn" in columns:
+                why = f"{reason}; by the limits of the joint, its zero is in the middle of a turn"
+                made.columns[name] = {**columns, "offset": -float(np.pi)}, why
+        return
+    unit = "m" if made.linear else "rad"
+    made.remarks.append(
+        f"positions from {low:.3g} to {high:.3g} {unit} are beyond the limits of the joint, {joint.low:.3g} to "
+        f"{joint.high:.3g} {unit}: unit, sign or zero of the recording differs from the model; state unit, scale or "
+        f"offset [{unit}] of all angles under wire.columns"
+    )
 
 
 def _by_names(made: Description, recorded: Recorded) -> bool:
@@ -161,9 +213,32 @@ def _measure(made: Description, recorded: Recorded, modelled: bool) -> None:
         made.remarks.append(
             "inertia, friction and gravity come from this recording: a diagnosis of it can only find what they leave"
         )
+    elif made.drive == "position" and numbers["kp"].origin == "guessed":
+        _measure_gains(made, log)
     numbers["rate"] = Number(found.rate, "measured", f"median of the stamps of {name}")
     if found.link_quantum is not None:
         numbers["link_quantum"] = Number(found.link_quantum, "measured", f"grid of the positions in {name}")
     largest = float(np.nanmax(np.abs(log.measured["tau"]))) if "tau" in log.measured else 0.0
     if found.torque_noise is not None and found.torque_noise > EXACT * largest:
         numbers["torque_noise"] = Number(found.torque_noise, "measured", f"upper bound from {name}")
+
+
+def _measure_gains(made: Description, log: JointLog) -> None:
+    """Gains that the model does not state, relative to its gravity torque, or a remark that they are guesses."""
+    numbers = made.numbers
+    gravity = [numbers[name].value if name in numbers else 0.0 for name in ("gravity_torque", "gravity_angle")]
+    found = fit_gains(log, *gravity)
+    if not made.linear and "kp" in found:
+        for name, fitted in found.items():
+            note = f"least squares on {log.name} with the model's gravity, standard deviation {fitted.sd:.2g}"
+            # In 16 logs of an XL330, kp is 0.4 to 1.2 times that of its manual: lowest where the drive saturates.
+            numbers[name] = Number(fitted.value, "measured", note, GUESS)
+        made.remarks.append(
+            "the model has no gains of the drive: kp and kd are fitted to the recording, relative to the gravity "
+            "torque of the model; write the gains if you know them"
+        )
+        return
+    made.remarks.append(
+        "the model has no gains of the drive, and the recording no torque: kp and kd are guesses. Torques and inertias "
+        "are known relative to kp only; write the gains"
+    )

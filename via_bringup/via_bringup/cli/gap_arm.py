@@ -1,0 +1,60 @@
+"""Options and logs of `via gap diagnose --arm` and `via gap simulate --arm`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from via_core.devices import Device
+from via_core.errors import ViaError
+from via_core.recordings.entries import Constants
+from via_gap.logs.log import JointLog
+
+if TYPE_CHECKING:
+    from via_gap.run.arms import ArmDiagnosis
+
+Arm = Annotated[
+    str | None,
+    typer.Option(
+        help="Arm with rigid joints: name, path to its YAML, or URDF or MJCF file; each log has all its joints."
+    ),
+]
+CountsPerTurn = Annotated[
+    float | None, typer.Option(min=1.0, help="Of an --arm from a model: counts of one turn, for positions in counts.")
+]
+TorqueConstant = Annotated[
+    float | None,
+    typer.Option(help="Of an --arm from a model: torque per current at the joints \\[N m/A], for currents."),
+]
+
+
+def diagnosed_arm(
+    arm: str,
+    logs: Sequence[Path],
+    holdout: Sequence[Path],
+    constants: tuple[float | None, float | None],
+    progress: Callable[[str, float], None],
+) -> ArmDiagnosis:
+    """The diagnosis of all joints; constants are counts per turn and torque constant."""
+    from via_gap.run.arms import diagnose_arm, find_arm, read_arm_log  # importing pinocchio takes a second
+
+    whole = find_arm(arm, logs[0], Constants(*constants))
+    read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
+    return diagnose_arm(whole, read, held, progress)
+
+
+def joint_of_arm(
+    arm: str, device: Device, logs: Sequence[Path], payload: Path | None, constants: tuple[float | None, float | None]
+) -> list[JointLog]:
+    """The logs of one joint, with the payload of a report. Raises ViaError where the arm has no such joint."""
+    from via_gap.run.arms import find_arm, read_arm_log, read_payload, with_payload
+
+    whole = find_arm(arm, logs[0], Constants(*constants))
+    if payload is not None:
+        whole = with_payload(whole, read_payload(payload))
+    names = [each.name for each in whole.devices]
+    if device.name not in names:
+        raise ViaError(f"'{device.name}' is not a joint of '{whole.name}', which has: {', '.join(names)}")
+    return [read_arm_log(path, whole)[names.index(device.name)] for path in logs]
