@@ -165,13 +165,13 @@ def test_every_block_of_a_guide_runs(guide: Path, tmp_path: Path, domain: int):
 
 
 def promised_is_answered(text: str, answer: Path) -> None:
-    """Verdict, named effects and sizes of the gap in a report are those that the guide tells of."""
+    """Verdict, named effects and sizes of the gap in a report are those in the text of the guide."""
     report = GapReport.model_validate_json(answer.read_text("utf-8"))
     gap = report.gap
     assert gap is not None and report.effects
-    told = {f"`{report.verdict}`", *(f"`{each.effect}`" for each in report.effects)}
-    told |= {f"{100.0 * value:.0f} %" for value in (gap.before, gap.tuned, gap.after)}
-    assert not [each for each in told if each not in text]
+    promised = {f"`{report.verdict}`", *(f"`{each.effect}`" for each in report.effects)}
+    promised |= {f"{100.0 * value:.0f} %" for value in (gap.before, gap.tuned, gap.after)}
+    assert not [each for each in promised if each not in text]
 
 
 if __name__ == "__main__":

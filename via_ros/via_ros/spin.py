@@ -49,7 +49,7 @@ def make_executor(kind: str = "events", context: Any = None) -> Any:
 def spin(executor: Any, finished: Future | None = None) -> None:
     """Run callbacks until `finished` is done; without it until a signal or shutdown of the context raises.
 
-    What exists now is left out of garbage collection meanwhile: walking through it takes many periods of a loop at 1 kHz.
+    What exists now is left out of garbage collection meanwhile: to walk through it takes many periods of a fast loop.
     """
     gc.collect()
     gc.freeze()

@@ -144,7 +144,7 @@ def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tupl
 def _ranking(
     named: Evaluation, models: Sequence[Evaluation]
 ) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
-    """Causes with their shares and models; of equal shares the named ones first, then by the gap that each leaves alone."""
+    """Causes with their shares and models; of equal shares first the named ones, then the smaller gap alone."""
     rivals = without_needless(_of_size(named, models))
     rivals = rivals if named in rivals else [named, *rivals]
     alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
