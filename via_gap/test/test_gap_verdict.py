@@ -103,7 +103,7 @@ def answer(tuned: Evaluation, models: list[Evaluation]) -> tuple[list[Evaluation
 
 
 def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluation) -> tuple[str, Evaluation]:
-    """Verdict and model named, as the table of docs/method.md, section 8, lists them row by row."""
+    """Verdict and model named, as the table in section 10 of docs/method.md lists them row by row."""
     if np.mean(tuned.segments) <= 2.0:
         return "no_gap", tuned
     tied, last = answer(tuned, models)

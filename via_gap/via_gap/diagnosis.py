@@ -40,8 +40,8 @@ def diagnose(
 ) -> GapReport:
     """Location, cause and size of the gap between `logs` and the nominal `device`.
 
-    holdout         logs to compare models on; without them, segments of `logs` are held out. With servos, each log is
-                    one run, and causes are chosen by cross-validation over `logs` alone
+    holdout         logs to compare models on; without them, segments of `logs` are held out. With them and servos, each
+                    log is one run, and causes are chosen by cross-validation over `logs` alone
     progress        called with the current stage and the share of the whole that is done [0..1]
     groups          group of each log by its name; logs of one group are left out together in cross-validation.
                     Without it, each log is a group
