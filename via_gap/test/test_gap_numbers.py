@@ -19,8 +19,8 @@ EFFORT = [
     for each in re.findall(r"`([A-Z_]+) = (\S+)`", text)
 ]
 CONSTANTS = [*THRESHOLDS, *EFFORT]
-# Derived, finite-difference steps, and details of an approximation that the page leaves to the files.
-UNLISTED = {"evidence.NOISE", "between.STEP", "bound.PULSE", "holdout.NEAR", "information.EXHAUSTIVE"} | {
+# Finite-difference steps, and details of an approximation that the page leaves to the files.
+UNLISTED = {"between.STEP", "bound.PULSE", "holdout.NEAR", "information.EXHAUSTIVE"} | {
     f"basis.{name}" for name in ("STEP", "KNOTS", "TIME_KNOTS", "FAR")
 }
 
