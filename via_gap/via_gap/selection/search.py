@@ -1,10 +1,10 @@
-"""Search for causes: effects are added, exchanged and dropped as long as that matters on held-out data.
+"""Search for causes: effects are added and exchanged as long as that improves the model on held-out data.
 
-    none -> one -> two ...        each step: add the best, exchange earlier ones, drop those that do not matter
+    none -> one -> two ...        each step: add the best, exchange earlier ones, try without each of them
 
 A linear prediction (screen.py) gives every candidate the amount to start from, and one step from there ranks it. The
-best are fitted on a subset of the segments, and those near the best fit on all segments. One criterion (`matters`)
-decides every step.
+best are fitted on a subset of the segments, and those near the best fit on all segments. Which of the models is the
+answer is decided afterwards (verdict.py).
 
 Source: sequential floating forward selection, P. Pudil, J. Novovicova, J. Kittler, Floating search methods in feature
 selection, Pattern Recognition Letters 15 (1994); all pairs at once as subsets of a linear regression, G. M. Furnival,
@@ -29,7 +29,7 @@ from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.plausibility import absurd
-from via_gap.selection.verdict import improves, matters, noise_only, simplest
+from via_gap.selection.verdict import improves, noise_only, simplest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on held-out data
@@ -96,10 +96,9 @@ class Search:
             step = simplest(found) if found else current
             if not improves(step, current, self.tuned) or enough(step):
                 break
-            reduced = self._evaluated(here._reduced(step.fit), models) if size else []
-            sufficient = [each for each in reduced if not matters(step, each, self.tuned)]
-            shorter = simplest(sufficient) if sufficient else step
-            current = shorter if len(shorter.fit.effects) > size else step  # what is not clear yet may become so
+            if size:
+                self._evaluated(here._reduced(step.fit), models)
+            current = step  # what is not clearly better yet may become so with one more
         return list(models.values())
 
     def _evaluated(self, fits: Sequence[Fit], models: dict[frozenset[Location], Evaluation]) -> list[Evaluation]:

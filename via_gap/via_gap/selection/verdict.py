@@ -123,7 +123,7 @@ def decide(
             return replace(unnamed("cannot_tell", reason), equivalent=equivalent)
         # which other effect acts beside it is not certain
         verdict, last, equivalent = "main_effect", common, common.fit.locations
-    shares, spoken = _ranking(last, models)
+    shares, spoken = _ranking(last, tied[0], models)
     return Decision(verdict, last, max(fractions(tuned, last, flexible)), shares, spoken, equivalent)
 
 
@@ -142,14 +142,16 @@ def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tupl
 
 
 def _ranking(
-    named: Evaluation, models: Sequence[Evaluation]
+    named: Evaluation, best: Evaluation, models: Sequence[Evaluation]
 ) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
-    """Causes with their shares and models; of equal shares first the named ones, then the smaller gap alone."""
-    rivals = without_needless(_of_size(named, models))
-    rivals = rivals if named in rivals else [named, *rivals]
+    """Causes with their shares and models; of equal shares first the named ones, then the smaller gap alone.
+
+    best  of the models that are compared, those with as many effects; `named`, unless it is what they have in common
+    """
     alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
+    shares = _shares(without_needless(_of_size(best, models)))
     ranked = sorted(
-        ((place, round(share, 9), model) for (place, share), model in zip(*_shares(rivals), strict=True)),
+        ((place, round(share, 9), model) for (place, share), model in zip(*shares, strict=True)),
         key=lambda each: (-each[1], each[0] not in named.fit.locations, alone.get(each[0], np.inf)),
     )
     spoken = tuple(named if place in named.fit.locations else model for place, _, model in ranked)
