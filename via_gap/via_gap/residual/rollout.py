@@ -25,7 +25,8 @@ from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.encoders import true_motions
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
-from via_sim.lockstep.run import LANES, run_many
+from via_sim.lockstep.pack import LANES
+from via_sim.lockstep.run import run_many
 
 from via_gap.residual.command_gaps import pulses
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts

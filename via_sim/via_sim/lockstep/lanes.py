@@ -64,6 +64,7 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
         elif kind == EXPONENTIAL:
             z[Z.rise + i, lane], z[Z.fall + i, lane], z[Z.growth + i, lane] = p[start], p[start + 1], p[start + 2]
         slips = p[P.hysteresis_torque + i] > 0.0
+        z[Z.no_maxwell + i, lane] = 0.0 if slips else inf
         z[Z.slip_torque + i, lane] = p[P.hysteresis_torque + i] if slips else 0.0
         z[Z.slip_stiffness + i, lane] = p[P.hysteresis_stiffness + i] if slips else 0.0
     there = p[P.contact_stiffness] > 0.0
@@ -196,4 +197,5 @@ def _rare_bits(p: Array) -> int:
         bits |= int(p[P.hysteresis_torque + i] > 0.0) << (R.maxwell + i)
         bits |= int(p[P.spring_damping + i] != 0.0) << R.spring_damping
         bits |= int(p[P.input_errors + i] != 0.0) << (R.input + i)
+        bits |= int(p[P.spring_hardening + i] != 0.0) << R.hardening
     return bits

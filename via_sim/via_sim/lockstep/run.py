@@ -17,11 +17,10 @@ from via_sim.joint.parameters import P
 from via_sim.joint.step import N_WEIGHTS, PER_AXIS, weigh
 from via_sim.lockstep.block import N_ROWS, Terms, Z
 from via_sim.lockstep.lanes import is_supported, load_inputs, load_parameters, load_state, store_inputs, terms_of
+from via_sim.lockstep.pack import LANES, rows_of_packs
 from via_sim.lockstep.step import step
 
-LANES = 32
-_FEWEST = 4  # lanes in lockstep: fewer are as fast one by one
-_VECTOR = 8  # the number of lanes is a multiple of this: the widest vector registers
+_FEWEST = 2  # lanes in lockstep: fewer are as fast one by one
 
 # Arguments of `lead_many`.
 _Runs = namedtuple("_Runs", "rows states commands begins measured led out")
@@ -62,8 +61,7 @@ def lead_many(
     modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
     lanes = np.zeros((6, LANES), np.int64)
     for first in range(0, len(rows), LANES):
-        wide = (min(LANES, len(rows) - first) + _VECTOR - 1) // _VECTOR * _VECTOR
-        z = np.zeros((N_ROWS, wide))
+        z = rows_of_packs(N_ROWS)
         work = _Work(z, u, y, modes, weights, lanes[0], lanes[1], lanes[2], lanes[3], lanes[4], lanes[5])
         _run_block(runs, first, work)
     if axes.size > 0:
