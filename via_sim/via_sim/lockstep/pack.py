@@ -5,7 +5,7 @@ serves all lanes of a block at once; a number among its operands counts for all 
 arithmetic are of rounding: products and sums are contracted to one instruction, and sine and exponential are
 polynomials, because the library has none for vectors.
 
-Compiled functions read and write packs as rows of a matrix z (rows, LANES), in which `z[row, lane]` is one number.
+A comparison of packs is 1 or 0 in each lane. Compiled functions read and write packs as rows of a matrix z (rows, LANES), in which `z[row, lane]` is one number.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from via_core.signals import Array
 
 from via_sim.joint.compiled import bare, compiled, inlined
 
-LANES = 8  # the widest vector registers
+LANES = 16  # the widest vector registers
 _VECTOR, _WHOLE = ir.VectorType(ir.DoubleType(), LANES), ir.VectorType(ir.IntType(64), LANES)
 
 
@@ -88,6 +88,8 @@ for _function, _build in (
     _operator(_function, 2, _build)
 for _function, _inplace in ((operator.add, operator.iadd), (operator.sub, operator.isub), (operator.mul, operator.imul)):
     _operator(_inplace, 2, lambda builder, a, b, kind=_function.__name__: getattr(builder, f"f{kind}")(a, b, flags=_FUSED))
+for _function, _order in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
+    _operator(_function, 2, lambda builder, a, b, order=_order: builder.uitofp(builder.fcmp_ordered(order, a, b), _VECTOR))
 _operator(operator.neg, 1, lambda builder, a: builder.fneg(a))
 _operator(abs, 1, _call("fabs"))
 _operator(math.floor, 1, _call("floor"))

@@ -10,28 +10,35 @@ from via_core.signals import Array
 
 from via_sim.joint.compiled import bare, compiled, inlined
 from via_sim.joint.encoders import true_motion
-from via_sim.joint.kernel import advance_tick, begin
-from via_sim.joint.layout import MODE, N_INPUTS, N_MODES, QUEUED, X
-from via_sim.joint.measurements import record, sense, stride
-from via_sim.joint.parameters import P
-from via_sim.joint.step import N_WEIGHTS, PER_AXIS, weigh
-from via_sim.lockstep.block import N_ROWS, Terms, Z
-from via_sim.lockstep.lanes import is_supported, load_inputs, load_parameters, load_state, store_inputs, terms_of
-from via_sim.lockstep.pack import LANES, rows_of_packs
+from via_sim.joint.kernel import advance_tick, begin, queued_at
+from via_sim.joint.layout import EXTERNAL, HISTORY, MODE, N_COMMANDS, N_INPUTS, N_MODES, QUEUED, X
+from via_sim.joint.measurements import record, sense
+from via_sim.joint.parameters import NO_DAMPER, POSITION_DRIVE, P
+from via_sim.joint.step import N_WEIGHTS
+from via_sim.lockstep.block import N_ROWS, Z
+from via_sim.lockstep.lanes import (
+    is_supported,
+    load_parameters,
+    load_state,
+    set_damping,
+    store_inputs,
+    store_state,
+    take_commands,
+    terms_of,
+)
+from via_sim.lockstep.pack import LANES, any_above, get, put, rows_of_packs
 from via_sim.lockstep.step import step
 
-_FEWEST = 2  # lanes in lockstep: fewer are as fast one by one
+_FEWEST = 2  # lanes in lockstep: one is as fast on its own
 
 # Arguments of `lead_many`.
 _Runs = namedtuple("_Runs", "rows states commands begins measured led out")
 # Work memory of a block. z: see `block`; u, y, modes, weights: of the scalar kernel, the last two per lane. Per lane:
-#   joins   whether it goes in lockstep
 #   loaded  whether z holds its state
-#   plain   whether its encoders have no errors
-#   late    dead time in ticks
-#   sticks  whether an axis with friction is at standstill
+#   plain   whether its motion is as measured and nothing but the run moves it; its state then rests between events
 #   number  tick number at the beginning
-_Work = namedtuple("_Work", "z u y modes weights joins loaded plain late sticks number")
+#   known   ticks whose commands and motion are in queue and ring buffer of its state
+_Work = namedtuple("_Work", "z u y modes weights loaded plain number known")
 
 
 @compiled
@@ -57,13 +64,11 @@ def lead_many(
     axes      (m,) int64, the axes whose motion is prescribed
     """
     runs = _Runs(rows, states, commands, begins, measured, axes, out)
-    u, y = np.zeros(N_INPUTS), np.zeros(9)
     modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
-    lanes = np.zeros((6, LANES), np.int64)
     for first in range(0, len(rows), LANES):
-        z = rows_of_packs(N_ROWS)
-        work = _Work(z, u, y, modes, weights, lanes[0], lanes[1], lanes[2], lanes[3], lanes[4], lanes[5])
-        _run_block(runs, first, work)
+        lanes = np.zeros((4, LANES), np.int64)
+        z, u, y = rows_of_packs(N_ROWS), np.zeros(N_INPUTS), np.zeros(9)
+        _run_block(runs, first, _Work(z, u, y, modes, weights, lanes[0], lanes[1], lanes[2], lanes[3]))
     if axes.size > 0:
         for k in range(len(rows)):
             _lead(rows[k], states[k], measured, axes)
@@ -72,87 +77,106 @@ def lead_many(
 @bare
 def _run_block(runs: _Runs, first: int, work: _Work) -> None:
     """All ticks of the runs from row `first` on, LANES at most."""
-    lead, period = runs.rows[first], runs.rows[first, P.tick]
+    lead, z, period = runs.rows[first], work.z, runs.rows[first, P.tick]
     count, ticks = min(LANES, len(runs.rows) - first), runs.out.shape[1] - 1
-    terms, together = terms_of(runs.rows, first, count), 0
+    terms, together, steps = terms_of(runs.rows, first, count), 0, max(1, int(lead[P.substeps]))
     for lane in range(count):
         p, x = runs.rows[first + lane], runs.states[first + lane]
         begin(p, x, work.u, work.modes[lane], work.weights[lane])
         sense(p, x, runs.out[first + lane, 0])
-        load_parameters(p, work.z, lane)
-        alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period
-        work.number[lane] = int(x[X.tick])
-        work.joins[lane], work.loaded[lane], work.plain[lane] = alike and is_supported(p), 0, _has_ideal_encoders(p)
-        work.late[lane] = int(p[P.delay] / period + 1e-9)
-        together += work.joins[lane]
-    steps = max(1, int(lead[P.substeps]))
+        load_parameters(p, z, lane)
+        work.number[lane], work.plain[lane] = int(x[X.tick]), runs.led.size == 0 and _has_ideal_encoders(p)
+        z[Z.age, lane] = p[P.origin] + x[X.tick] * period
+        alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and is_supported(p)
+        z[Z.joins, lane] = alike
+        together += alike
+    if together < _FEWEST:
+        put(z, Z.joins, 0.0)
+    damped = lead[P.damper_site] != NO_DAMPER or lead[P.link_drive] == POSITION_DRIVE
     for tick in range(ticks):
-        if runs.led.size > 0:
-            for lane in range(count):
-                _lead(runs.rows[first + lane], runs.states[first + lane], runs.measured, runs.led)
-                work.loaded[lane] = 0
-        ready = standstills = 0
-        if together >= _FEWEST:
-            for lane in range(count):
-                _load(runs, first, lane, tick, period / steps, work)
-                ready += work.loaded[lane]
-                standstills += work.loaded[lane] * work.sticks[lane]
-            if ready > 0:
-                for _ in range(steps):
-                    step(work.z, runs.rows, first, terms, standstills != 0)
         for lane in range(count):
-            _finish(runs, first, lane, tick, ready > 0, terms, work)
+            _load(runs, first, lane, tick, work)
+        if together >= _FEWEST:
+            take_commands(lead, z, tick * period)
+            if damped or tick == 0:
+                for lane in range(count):
+                    set_damping(runs.rows[first + lane], period / steps, work.weights[lane, 2], z, lane)
+            for row in range(Z.at - Z.before):
+                put(z, Z.before + row, get(z, Z.start + row))
+            put(z, Z.margin, get(z, Z.joins))
+            sticks = any_above(get(z, Z.stuck) + get(z, Z.stuck + 1) + get(z, Z.stuck + 2), 0.0)
+            for _ in range(steps):
+                step(z, runs.rows, first, terms, sticks)
+        for lane in range(count):
+            _finish(runs, first, lane, tick, work)
+    for lane in range(count):
+        if work.loaded[lane] != 0:
+            p, x = runs.rows[first + lane], runs.states[first + lane]
+            _store(runs, first, lane, ticks, Z.start, work)
+            store_inputs(p, x, runs.commands[runs.begins[first + lane] + ticks - 1], z, lane)
 
 
 @inlined
-def _load(runs: _Runs, first: int, lane: int, tick: int, h: float, work: _Work) -> None:
-    """State, inputs and weights for steps of h [s] into a lane that goes in lockstep."""
+def _load(runs: _Runs, first: int, lane: int, tick: int, work: _Work) -> None:
+    """State, where z does not hold it, and command of a tick into the lane."""
     p, x, z = runs.rows[first + lane], runs.states[first + lane], work.z
-    if work.loaded[lane] == 0 and work.joins[lane] != 0:
-        work.loaded[lane], work.sticks[lane] = 1, load_state(p, x, z, lane)
-    z[Z.margin, lane] = 2.0 * work.loaded[lane] - 1.0
-    if work.loaded[lane] == 0:
-        return
-    command, now = runs.commands[runs.begins[first + lane] + tick], work.number[lane] + tick
-    slot = now % ((x.size - X.queue) // QUEUED)
-    load_inputs(p, x, command, slot, work.late[lane], p[P.origin] + now * p[P.tick], z, lane)
-    own = work.weights[lane, 2]
-    if own[N_WEIGHTS - 2] != h or own[N_WEIGHTS - 1] != z[Z.damping, lane]:
-        weigh(p, h, z[Z.damping, lane], own)
-        for k in range(3 * PER_AXIS):
-            z[Z.weight + k, lane] = own[k]
-
-
-@inlined
-def _finish(runs: _Runs, first: int, lane: int, tick: int, stepped: bool, terms: Terms, work: _Work) -> None:
-    """End of a tick: the lane's state is stored where its step was valid, else the run takes the tick on its own."""
-    p, x, z = runs.rows[first + lane], runs.states[first + lane], work.z
-    command, now = runs.commands[runs.begins[first + lane] + tick], work.number[lane] + tick
-    if stepped and z[Z.margin, lane] > 0.0:
-        if now % stride(p[P.tick]) == 0:
-            record(x, work.modes[lane, MODE.every])
-        for i in range(6):
-            x[i] = z[Z.start + i, lane]
-        if terms.rare != 0:
-            for i in range(3):
-                x[X.bristle + i] = z[Z.bristle + i, lane]
-            for i in range(2):
-                x[X.hysteresis + i] = z[Z.maxwell + i, lane]
-        x[X.tick] += 1.0
-        if tick == runs.out.shape[1] - 2:
-            store_inputs(p, x, command, now % ((x.size - X.queue) // QUEUED), work.late[lane], z, lane)
-        if p[P.lag] > 0.0 and work.joins[lane] != 0:
-            for axis in range(3):
-                x[X.lag + axis] = z[Z.lagged + axis, lane]
-    else:
+    if runs.led.size > 0:
+        _lead(p, x, runs.measured, runs.led)
         work.loaded[lane] = 0
-        advance_tick(p, x, command, work.u, work.modes[lane], work.weights[lane], work.y)
-    motion = runs.out[first + lane, tick + 1]
-    if work.plain[lane] != 0:
-        for i in range(6):
-            motion[i] = x[i]
+    if work.loaded[lane] == 0 and z[Z.joins, lane] > 0.0:
+        work.loaded[lane] = 1
+        load_state(p, x, z, lane)
+    late, now = work.modes[lane, MODE.late], runs.begins[first + lane] + tick
+    for i in range(N_COMMANDS):
+        z[Z.command + i, lane] = runs.commands[now, i]
+    z[Z.external, lane] = z[Z.command + EXTERNAL, lane]
+    if late > tick:
+        slot = (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED)
+        for i in range(QUEUED):
+            z[Z.command + i, lane] = x[queued_at(x, slot, late) + i]
+    elif late > 0:
+        for i in range(QUEUED):
+            z[Z.command + i, lane] = runs.commands[now - late, i]
+
+
+@inlined
+def _finish(runs: _Runs, first: int, lane: int, tick: int, work: _Work) -> None:
+    """Measured motion at the end of a tick; where the step was not valid, the run takes the tick on its own."""
+    p, x, z, motion = runs.rows[first + lane], runs.states[first + lane], work.z, runs.out[first + lane, tick + 1]
+    if z[Z.margin, lane] > 0.0:
+        if work.plain[lane] != 0:
+            for i in range(6):
+                motion[i] = z[Z.start + i, lane]
+            return
+        _store(runs, first, lane, tick + 1, Z.start, work)
     else:
-        sense(p, x, motion)
+        if work.loaded[lane] != 0:
+            _store(runs, first, lane, tick, Z.before, work)
+        command = runs.commands[runs.begins[first + lane] + tick]
+        advance_tick(p, x, command, work.u, work.modes[lane], work.weights[lane], work.y)
+        work.loaded[lane], work.known[lane] = 0, tick + 1
+    sense(p, x, motion)
+
+
+@bare
+def _store(runs: _Runs, first: int, lane: int, tick: int, row: int, work: _Work) -> None:
+    """Bring the state of a lane, see `store_state`, to the beginning of a tick."""
+    x, number, begins = runs.states[first + lane], work.number[lane], runs.begins[first + lane]
+    length, every = (x.size - X.queue) // QUEUED, work.modes[lane, MODE.every]
+    if work.plain[lane] == 0 and work.known[lane] < tick:
+        record(x, every)
+    for past in range(max(work.known[lane], tick - length), tick):
+        here = X.queue + QUEUED * ((number + past) % length)
+        for i in range(QUEUED):
+            x[here + i] = runs.commands[begins + past, i]
+    if work.plain[lane] != 0:
+        for past in range(max(work.known[lane], tick - HISTORY * every), tick):
+            if (number + past) % every == 0:
+                here = X.history + 6 * ((number + past) // every % HISTORY)
+                for i in range(6):
+                    x[here + i] = runs.out[first + lane, past, i]
+    store_state(runs.rows[first + lane], work.z, row, lane, x)
+    x[X.tick], work.known[lane] = number + tick, tick
 
 
 @bare

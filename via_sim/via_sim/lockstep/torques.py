@@ -65,7 +65,7 @@ def _add_friction(z: Array, axis: int, count: int, out: int, terms: Terms, stick
     elif count > 0:
         load = -(get(z, Z.spring_torque) + get(z, Z.spring_torque + 1))
     elif rare >> R.position & 1:
-        load = get(z, Z.drive_torque) - get(z, Z.drive_damping) * speed
+        load = get(z, Z.drive_torque) - get(z, Z.power) * get(z, Z.drive_damping) * speed
     else:
         load = get(z, Z.torque) - get(z, Z.other_torque)
     standing = 0.0 * load
@@ -149,7 +149,7 @@ def _add_rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
     if rare >> R.position & 1:  # `position_drive.drive_torque`
         reach = get(z, Z.drive_limit)
         torque = min(max(get(z, Z.drive_stiffness) * (get(z, Z.goal) - get(z, Z.at)), -reach), reach)
-        put(z, Z.drive_torque, get(z, Z.drive_gain) * torque + get(z, Z.drive_bias))
+        put(z, Z.drive_torque, get(z, Z.power) * (get(z, Z.drive_gain) * torque + get(z, Z.drive_bias)))
         add(z, out, get(z, Z.drive_torque))
     add_terms(z, axes, out, rare)
     for axis in range(axes):
