@@ -56,15 +56,18 @@ COPIED = np.array(
     [(getattr(P, name) + i, getattr(Z, name) + i) for name in _SIZES if name in P._fields for i in range(_SIZES[name])]
 )
 
-# Terms that some lane of a block has; the others are skipped.
+# Arrangement of a block, and terms that some lane has; the others are skipped.
 #   axes          number of axes
+#   springs       number of transmissions
+#   kinds         spring laws of the transmissions
 #   coefficients  polynomial coefficients of the springs that are not zero
 #   gravity       whether any link has gravity
+#   coupled       whether the damper is at the transmission
 #   friction      bit per axis with dry friction
 #   falls         whether breakaway differs from kinetic friction
 #   gaps          number of transmissions whose backlash is checked
 #   rare          bits of the terms below, which most joints lack
-Terms = namedtuple("Terms", "axes coefficients gravity friction falls gaps rare")
+Terms = namedtuple("Terms", "axes springs kinds coefficients gravity coupled friction falls gaps rare")
 
 # First bit of each rare term: one bit per axis, transmission, or joint; of the catalogue's terms see `terms.py`.
 _Rare = namedtuple("_Rare", "bristle maxwell spring_damping wall lag loads position input hardening terms")

@@ -11,7 +11,7 @@ from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, SINH
 from via_sim.joint.compiled import bare
 from via_sim.joint.friction import feels_both_sides, has_friction
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, X
-from via_sim.joint.parameters import ABSENT, DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.joint.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import drive_torque
 from via_sim.joint.step import PER_AXIS, is_for, weigh
 from via_sim.joint.torques import deflection
@@ -164,15 +164,14 @@ def store_inputs(p: Array, x: Array, command: Array, z: Array, lane: int) -> Non
 
 
 @bare
-def terms_of(rows: Array, first: int, count: int) -> Terms:
-    """Terms of `count` parameter rows from `first` on.
+def terms_of(rows: Array) -> Terms:
+    """Terms of parameter rows (K, N_PARAMETERS).
 
     A function of its own: inside the caller numba would compile `step` for every type that the values have meanwhile.
     """
     axes = coefficients = friction = gaps = rare = 0
     gravity = falls = False
-    for lane in range(count):
-        p = rows[first + lane]
+    for p in rows:
         gravity |= p[P.gravity_torque] != 0.0
         rare |= _rare_bits(p)
         for axis in range(3):
@@ -186,7 +185,9 @@ def terms_of(rows: Array, first: int, count: int) -> Terms:
             for k in range(N_COEFFICIENTS):
                 if p[P.spring + i * N_COEFFICIENTS + k] != 0.0:
                     coefficients = max(coefficients, k + 1)
-    return Terms(axes, coefficients, gravity, friction, falls, gaps, rare)
+    kinds = int(rows[0, P.spring_kind]), int(rows[0, P.spring_kind + 1])
+    count, coupled = int(rows[0, P.transmissions]), rows[0, P.damper_site] == AT_TRANSMISSION
+    return Terms(axes, count, kinds, coefficients, gravity, coupled, friction, falls, gaps, rare)
 
 
 @bare

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from via_core.signals import Array
 
-from via_sim.joint.compiled import bare, compiled, inlined
+from via_sim.joint.compiled import bare, compiled
 from via_sim.joint.encoders import true_motion
 from via_sim.joint.kernel import advance_tick, begin, queued_at
 from via_sim.joint.layout import EXTERNAL, HISTORY, MODE, N_COMMANDS, N_INPUTS, N_MODES, QUEUED, X
@@ -26,12 +26,12 @@ from via_sim.lockstep.lanes import (
     take_commands,
     terms_of,
 )
-from via_sim.lockstep.pack import LANES, any_above, get, put, rows_of_packs
+from via_sim.lockstep.pack import LANES, any_above, choose, get, put, rows_of_packs
 from via_sim.lockstep.step import step
 
 _FEWEST = 2  # lanes in lockstep: one is as fast on its own
 
-# Arguments of `lead_many`.
+# Arguments of `lead_many`, for the runs of a block.
 _Runs = namedtuple("_Runs", "rows states commands begins measured led out")
 # Work memory of a block. z: see `block`; u, y, modes, weights: of the scalar kernel, the last two per lane. Per lane:
 #   loaded  whether z holds its state
@@ -63,105 +63,119 @@ def lead_many(
     measured  (N, 6) angles [rad] and velocities [rad/s] as the encoders measure them, from tick 0 of the states on
     axes      (m,) int64, the axes whose motion is prescribed
     """
-    runs = _Runs(rows, states, commands, begins, measured, axes, out)
     modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
     for first in range(0, len(rows), LANES):
-        lanes = np.zeros((4, LANES), np.int64)
+        lanes, block = np.zeros((4, LANES), np.int64), slice(first, first + LANES)
         z, u, y = rows_of_packs(N_ROWS), np.zeros(N_INPUTS), np.zeros(9)
-        _run_block(runs, first, _Work(z, u, y, modes, weights, lanes[0], lanes[1], lanes[2], lanes[3]))
+        work = _Work(z, u, y, modes, weights, lanes[0], lanes[1], lanes[2], lanes[3])
+        _run_block(_Runs(rows[block], states[block], commands, begins[block], measured, axes, out[block]), work)
     if axes.size > 0:
         for k in range(len(rows)):
             _lead(rows[k], states[k], measured, axes)
 
 
 @bare
-def _run_block(runs: _Runs, first: int, work: _Work) -> None:
-    """All ticks of the runs from row `first` on, LANES at most."""
-    lead, z, period = runs.rows[first], work.z, runs.rows[first, P.tick]
-    count, ticks = min(LANES, len(runs.rows) - first), runs.out.shape[1] - 1
-    terms, together, steps = terms_of(runs.rows, first, count), 0, max(1, int(lead[P.substeps]))
+def _run_block(runs: _Runs, work: _Work) -> None:
+    """All ticks of at most LANES runs."""
+    lead, z, period = runs.rows[0], work.z, runs.rows[0, P.tick]
+    terms, count, together, plain, late = terms_of(runs.rows), len(runs.rows), 0, 0, 0
     for lane in range(count):
-        p, x = runs.rows[first + lane], runs.states[first + lane]
+        p, x = runs.rows[lane], runs.states[lane]
         begin(p, x, work.u, work.modes[lane], work.weights[lane])
-        sense(p, x, runs.out[first + lane, 0])
+        sense(p, x, runs.out[lane, 0])
         load_parameters(p, z, lane)
         work.number[lane], work.plain[lane] = int(x[X.tick]), runs.led.size == 0 and _has_ideal_encoders(p)
         z[Z.age, lane] = p[P.origin] + x[X.tick] * period
         alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and is_supported(p)
         z[Z.joins, lane] = alike
-        together += alike
+        together, plain, late = together + alike, plain + work.plain[lane], late + work.modes[lane, MODE.late]
     if together < _FEWEST:
+        together = 0
         put(z, Z.joins, 0.0)
+    steps = max(1, int(lead[P.substeps]))
     damped = lead[P.damper_site] != NO_DAMPER or lead[P.link_drive] == POSITION_DRIVE
-    for tick in range(ticks):
-        for lane in range(count):
-            _load(runs, first, lane, tick, work)
-        if together >= _FEWEST:
+    left_out = True
+    for tick in range(runs.out.shape[1] - 1):
+        if left_out or runs.led.size > 0:
+            _join(runs, work)
+        if together > 0:
+            for lane in range(count):
+                for i in range(N_COMMANDS):
+                    z[Z.command + i, lane] = runs.commands[runs.begins[lane] + tick, i]
+            put(z, Z.external, get(z, Z.command + EXTERNAL))
+            if late > 0:
+                _delay(runs, tick, work)
             take_commands(lead, z, tick * period)
             if damped or tick == 0:
                 for lane in range(count):
-                    set_damping(runs.rows[first + lane], period / steps, work.weights[lane, 2], z, lane)
+                    set_damping(runs.rows[lane], period / steps, work.weights[lane, 2], z, lane)
             for row in range(Z.at - Z.before):
                 put(z, Z.before + row, get(z, Z.start + row))
             put(z, Z.margin, get(z, Z.joins))
             sticks = any_above(get(z, Z.stuck) + get(z, Z.stuck + 1) + get(z, Z.stuck + 2), 0.0)
             for _ in range(steps):
-                step(z, runs.rows, first, terms, sticks)
-        for lane in range(count):
-            _finish(runs, first, lane, tick, work)
+                step(z, runs.rows, terms, sticks)
+        left_out = together < count or any_above(choose(get(z, Z.margin), 0.0, get(z, Z.joins)), 0.0)
+        if left_out or plain < count:
+            for lane in range(count):
+                _finish(runs, lane, tick, work)
+        else:
+            for lane in range(count):
+                for i in range(6):
+                    runs.out[lane, tick + 1, i] = z[Z.start + i, lane]
     for lane in range(count):
         if work.loaded[lane] != 0:
-            p, x = runs.rows[first + lane], runs.states[first + lane]
-            _store(runs, first, lane, ticks, Z.start, work)
-            store_inputs(p, x, runs.commands[runs.begins[first + lane] + ticks - 1], z, lane)
+            _store(runs, lane, runs.out.shape[1] - 1, Z.start, work)
+            command = runs.commands[runs.begins[lane] + runs.out.shape[1] - 2]
+            store_inputs(runs.rows[lane], runs.states[lane], command, z, lane)
 
 
-@inlined
-def _load(runs: _Runs, first: int, lane: int, tick: int, work: _Work) -> None:
-    """State, where z does not hold it, and command of a tick into the lane."""
-    p, x, z = runs.rows[first + lane], runs.states[first + lane], work.z
-    if runs.led.size > 0:
-        _lead(p, x, runs.measured, runs.led)
-        work.loaded[lane] = 0
-    if work.loaded[lane] == 0 and z[Z.joins, lane] > 0.0:
-        work.loaded[lane] = 1
-        load_state(p, x, z, lane)
-    late, now = work.modes[lane, MODE.late], runs.begins[first + lane] + tick
-    for i in range(N_COMMANDS):
-        z[Z.command + i, lane] = runs.commands[now, i]
-    z[Z.external, lane] = z[Z.command + EXTERNAL, lane]
-    if late > tick:
+@bare
+def _join(runs: _Runs, work: _Work) -> None:
+    """State into the lanes that go in lockstep from this tick on."""
+    for lane in range(len(runs.rows)):
+        if runs.led.size > 0:
+            _lead(runs.rows[lane], runs.states[lane], runs.measured, runs.led)
+            work.loaded[lane] = 0
+        if work.loaded[lane] == 0 and work.z[Z.joins, lane] > 0.0:
+            work.loaded[lane] = 1
+            load_state(runs.rows[lane], runs.states[lane], work.z, lane)
+
+
+@bare
+def _delay(runs: _Runs, tick: int, work: _Work) -> None:
+    """Commands behind the dead time into the lanes."""
+    for lane in range(len(runs.rows)):
+        late, x = work.modes[lane, MODE.late], runs.states[lane]
         slot = (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED)
-        for i in range(QUEUED):
-            z[Z.command + i, lane] = x[queued_at(x, slot, late) + i]
-    elif late > 0:
-        for i in range(QUEUED):
-            z[Z.command + i, lane] = runs.commands[now - late, i]
+        for i in range(QUEUED if late > 0 else 0):
+            before = x[queued_at(x, slot, late) + i] if late > tick else runs.commands[runs.begins[lane] + tick - late, i]
+            work.z[Z.command + i, lane] = before
 
 
-@inlined
-def _finish(runs: _Runs, first: int, lane: int, tick: int, work: _Work) -> None:
+@bare
+def _finish(runs: _Runs, lane: int, tick: int, work: _Work) -> None:
     """Measured motion at the end of a tick; where the step was not valid, the run takes the tick on its own."""
-    p, x, z, motion = runs.rows[first + lane], runs.states[first + lane], work.z, runs.out[first + lane, tick + 1]
-    if z[Z.margin, lane] > 0.0:
+    p, x, motion = runs.rows[lane], runs.states[lane], runs.out[lane, tick + 1]
+    if work.loaded[lane] != 0 and work.z[Z.margin, lane] > 0.0:
         if work.plain[lane] != 0:
             for i in range(6):
-                motion[i] = z[Z.start + i, lane]
+                motion[i] = work.z[Z.start + i, lane]
             return
-        _store(runs, first, lane, tick + 1, Z.start, work)
+        _store(runs, lane, tick + 1, Z.start, work)
     else:
         if work.loaded[lane] != 0:
-            _store(runs, first, lane, tick, Z.before, work)
-        command = runs.commands[runs.begins[first + lane] + tick]
+            _store(runs, lane, tick, Z.before, work)
+        command = runs.commands[runs.begins[lane] + tick]
         advance_tick(p, x, command, work.u, work.modes[lane], work.weights[lane], work.y)
         work.loaded[lane], work.known[lane] = 0, tick + 1
     sense(p, x, motion)
 
 
 @bare
-def _store(runs: _Runs, first: int, lane: int, tick: int, row: int, work: _Work) -> None:
+def _store(runs: _Runs, lane: int, tick: int, row: int, work: _Work) -> None:
     """Bring the state of a lane, see `store_state`, to the beginning of a tick."""
-    x, number, begins = runs.states[first + lane], work.number[lane], runs.begins[first + lane]
+    x, number, begins = runs.states[lane], work.number[lane], runs.begins[lane]
     length, every = (x.size - X.queue) // QUEUED, work.modes[lane, MODE.every]
     if work.plain[lane] == 0 and work.known[lane] < tick:
         record(x, every)
@@ -174,8 +188,8 @@ def _store(runs: _Runs, first: int, lane: int, tick: int, row: int, work: _Work)
             if (number + past) % every == 0:
                 here = X.history + 6 * ((number + past) // every % HISTORY)
                 for i in range(6):
-                    x[here + i] = runs.out[first + lane, past, i]
-    store_state(runs.rows[first + lane], work.z, row, lane, x)
+                    x[here + i] = runs.out[lane, past, i]
+    store_state(runs.rows[lane], work.z, row, lane, x)
     x[X.tick], work.known[lane] = number + tick, tick
 
 

@@ -15,10 +15,10 @@ from via_sim.lockstep.torques import apply_lag, bristle_torque, lagged, maxwell_
 
 
 @bare
-def step(z: Array, rows: Array, first: int, terms: Terms, sticks: bool) -> None:
+def step(z: Array, rows: Array, terms: Terms, sticks: bool) -> None:
     """One Krogstad step of the block in place, as `step.krogstad_step`; valid in lanes whose margin stays positive.
 
-    first   parameter row of the first lane
+    rows    (K, N_PARAMETERS) of the lanes
     sticks  whether an axis sticks in any lane
     """
     axes, friction, rare = terms.axes, terms.friction, terms.rare
@@ -27,7 +27,7 @@ def step(z: Array, rows: Array, first: int, terms: Terms, sticks: bool) -> None:
         put(z, Z.at + row, get(z, Z.start + row))
     if lags:
         apply_lag(z, 0)
-    torques(z, rows, first, Z.n, terms, sticks)
+    torques(z, rows, Z.n, terms, sticks)
     for axis in range(axes):
         put(z, Z.a + axis, 0.0)
     _stage(z, axes, W.half, W.a_n, W.b_a, Z.a)
@@ -36,17 +36,17 @@ def step(z: Array, rows: Array, first: int, terms: Terms, sticks: bool) -> None:
             put(z, Z.midpoint + axis, get(z, Z.at + 3 + axis))
     if lags:
         apply_lag(z, 1)
-    torques(z, rows, first, Z.a, terms, sticks)
+    torques(z, rows, Z.a, terms, sticks)
     _stage(z, axes, W.half, W.b_n, W.b_a, Z.a)
     if friction != 0:
         for axis in range(axes):  # twice the midpoint velocity
             add(z, Z.midpoint + axis, get(z, Z.at + 3 + axis))
         _check_modes(z, Z.midpoint, axes, friction, 0)
-    torques(z, rows, first, Z.b, terms, sticks)
+    torques(z, rows, Z.b, terms, sticks)
     _stage(z, axes, W.full, W.c_n, W.c_b, Z.b)
     if lags:
         apply_lag(z, 2)
-    torques(z, rows, first, Z.c, terms, sticks)
+    torques(z, rows, Z.c, terms, sticks)
     for axis in range(axes):
         add(z, Z.a + axis, get(z, Z.b + axis))
     _stage(z, axes, W.full, W.end_n, W.end_ab, Z.a)
@@ -58,7 +58,7 @@ def step(z: Array, rows: Array, first: int, terms: Terms, sticks: bool) -> None:
         find_input_errors(z)
     _check_modes(z, Z.at + 3, axes, friction, terms.gaps)
     if sticks:  # for the margin of stuck axes at the end of the step
-        torques(z, rows, first, Z.n, terms, sticks)
+        torques(z, rows, Z.n, terms, sticks)
     if rare != 0:
         _check_rare_modes(z, rare)
         _update_memory(z, axes, rare)
@@ -69,7 +69,9 @@ def step(z: Array, rows: Array, first: int, terms: Terms, sticks: bool) -> None:
 @inlined
 def _stage(z: Array, axes: int, base: int, one: int, two: int, second: int) -> None:
     """Motion into `Z.at`: linear part with weights `base`, weights `one` times `Z.n`, `two` times rows `second`."""
-    for axis in range(axes):
+    for axis in range(3):
+        if axis >= axes:
+            break
         w, n, m, v = Z.weight + PER_AXIS * axis, get(z, Z.n + axis), get(z, second + axis), get(z, Z.start + 3 + axis)
         angle = get(z, Z.start + axis) + get(z, w + base + 1) * v
         put(z, Z.at + axis, angle + get(z, w + one + 1) * n + get(z, w + two + 1) * m)

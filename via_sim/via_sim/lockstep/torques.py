@@ -9,7 +9,7 @@ from via_core.signals import Array
 from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.joint.compiled import bare, inlined
-from via_sim.joint.parameters import AT_TRANSMISSION, P
+from via_sim.joint.parameters import P
 from via_sim.joint.torques import deflection, preset_of, transmission_torque
 from via_sim.lockstep.block import R, Terms, Z
 from via_sim.lockstep.pack import LANES, add, any_above, choose, get, put
@@ -18,36 +18,36 @@ from via_sim.lockstep.terms import add_terms, find_input_errors
 _ENOUGH = 1e300  # [N m] margin of an axis that does not stick
 
 
-@bare
-def torques(z: Array, rows: Array, first: int, out: int, terms: Terms, sticks: bool) -> None:
+@inlined
+def torques(z: Array, rows: Array, out: int, terms: Terms, sticks: bool) -> None:
     """Torque on each axis without its viscous friction, at the motion `Z.at`, into three rows from `out` on.
 
-    first   parameter row of the first lane
+    rows    (K, N_PARAMETERS) of the lanes
     sticks  whether an axis sticks in any lane
     """
-    axes, rare, p = terms.axes, terms.rare, rows[first]
     for axis in range(3):
         put(z, out + axis, get(z, Z.torque + axis))
     if terms.gravity:
         add(z, out, -_gravity(z))
-    if p[P.damper_site] == AT_TRANSMISSION:
+    if terms.coupled:
         add(z, out, get(z, Z.damping) * get(z, Z.at + 4))
         add(z, out + 1, get(z, Z.damping) * get(z, Z.at + 3))
-    if rare >> R.input & 3:
+    if terms.rare >> R.input & 3:
         find_input_errors(z)
-    count = int(p[P.transmissions])
-    for i in range(count):
-        torque = _spring(z, rows, first, i, terms)
-        geared = torque * (1.0 + get(z, Z.input_slope + i))
-        put(z, Z.spring_torque + i, torque)
-        put(z, Z.geared_torque + i, geared)
-        add(z, out, -torque)
-        add(z, out + 1 + i, geared)
-    if rare != 0:
-        _add_rare_torques(z, axes, out, rare)
-    for axis in range(axes):
+    for i in range(2):
+        if i < terms.springs:
+            torque = _spring(z, rows, i, terms)
+            put(z, Z.spring_torque + i, torque)
+            add(z, out, -torque)
+            if terms.rare >> R.input & 3:
+                torque *= 1.0 + get(z, Z.input_slope + i)
+            add(z, out + 1 + i, torque)
+            put(z, Z.geared_torque + i, torque)
+    if terms.rare != 0:
+        _add_rare_torques(z, terms.axes, out, terms.rare)
+    for axis in range(3):
         if terms.friction >> axis & 1:
-            _add_friction(z, axis, count, out, terms, sticks)
+            _add_friction(z, axis, out, terms, sticks)
 
 
 @inlined
@@ -56,13 +56,13 @@ def _gravity(z: Array) -> Any:
 
 
 @bare
-def _add_friction(z: Array, axis: int, count: int, out: int, terms: Terms, sticks: bool) -> None:
-    """Add dry friction to the torque on an axis of a joint with `count` transmissions, as `torques._driven`."""
+def _add_friction(z: Array, axis: int, out: int, terms: Terms, sticks: bool) -> None:
+    """Add dry friction to the torque on an axis, as `torques._driven`."""
     rare = terms.rare
     sign, speed = get(z, Z.sign + axis), get(z, Z.at + 3 + axis)
     if axis > 0:
         load = get(z, Z.geared_torque + axis - 1)
-    elif count > 0:
+    elif terms.springs > 0:
         load = -(get(z, Z.spring_torque) + get(z, Z.spring_torque + 1))
     elif rare >> R.position & 1:
         load = get(z, Z.drive_torque) - get(z, Z.power) * get(z, Z.drive_damping) * speed
@@ -70,7 +70,7 @@ def _add_friction(z: Array, axis: int, count: int, out: int, terms: Terms, stick
         load = get(z, Z.torque) - get(z, Z.other_torque)
     standing = 0.0 * load
     if rare >> R.loads & 1:
-        counter = _counter(z, axis, count, terms)
+        counter = _counter(z, axis, terms)
         least = min(abs(load), abs(counter))
         sliding = abs(get(z, Z.load_friction + axis) * load - get(z, Z.counter_friction + axis) * counter)
         standing = abs(get(z, Z.load_stribeck + axis) * load - get(z, Z.counter_stribeck + axis) * counter)
@@ -95,18 +95,12 @@ def _add_friction(z: Array, axis: int, count: int, out: int, terms: Terms, stick
     put(z, out + axis, torque)
 
 
-@bare
-def _spring(z: Array, rows: Array, first: int, i: int, terms: Terms) -> Any:
+@inlined
+def _spring(z: Array, rows: Array, i: int, terms: Terms) -> Any:
     """Torque [N m] of transmission i."""
-    kind = int(rows[first, P.spring_kind + i])
+    kind = terms.kinds[i]
     if kind != ODD_POLYNOMIAL and kind != SINH and kind != EXPONENTIAL:
-        for lane in range(LANES):
-            p = rows[min(first + lane, len(rows) - 1)]
-            c = p[P.spring + i * N_COEFFICIENTS : P.spring + (i + 1) * N_COEFFICIENTS]
-            q, m1, m2 = z[Z.at, lane], z[Z.at + 1, lane], z[Z.at + 2, lane]
-            phi, preset = deflection(p, i, q, z[Z.at + 1 + i, lane]), preset_of(p, i, m1, m2)
-            flank, factor = int(z[Z.flank + i, lane]), z[Z.spring_factor + i, lane]
-            z[Z.spring_torque + i, lane] = transmission_torque(p, c, i, phi, preset, flank, factor)
+        _each_spring(z, rows, i)
         return get(z, Z.spring_torque + i)
     phi = get(z, Z.at) - get(z, Z.at + 1 + i) - get(z, Z.pretension_offset + i) - get(z, Z.input_error + i)
     factor = get(z, Z.spring_factor + i)
@@ -119,15 +113,33 @@ def _spring(z: Array, rows: Array, first: int, i: int, terms: Terms) -> Any:
     if kind == ODD_POLYNOMIAL:
         torque, slope = _polynomial(z, Z.spring + i * N_COEFFICIENTS, terms.coefficients, inside)
     else:
-        growth = get(z, Z.growth + i)
-        grown = exp(growth * inside)
-        pulled, released = get(z, Z.rise + i) * grown, get(z, Z.fall + i) / grown
-        torque, slope = pulled - released, growth * (pulled + released)
+        torque, slope = _exponential(z, i, inside)
     torque += max(slope, 0.0) * (phi - inside)
     if terms.rare >> R.hardening & 1:
         share = 1.0 + get(z, Z.spring_hardening + i) * phi * phi
         factor *= choose(abs(phi) - stop, max(share, 0.0), share)
     return factor * torque
+
+
+@bare
+def _each_spring(z: Array, rows: Array, i: int) -> None:
+    """Torques of transmission i, lane by lane, into `Z.spring_torque`: of spring laws without a form for packs."""
+    for lane in range(LANES):
+        p = rows[min(lane, len(rows) - 1)]
+        c = p[P.spring + i * N_COEFFICIENTS : P.spring + (i + 1) * N_COEFFICIENTS]
+        q, m1, m2 = z[Z.at, lane], z[Z.at + 1, lane], z[Z.at + 2, lane]
+        phi, preset = deflection(p, i, q, z[Z.at + 1 + i, lane]), preset_of(p, i, m1, m2)
+        flank, factor = int(z[Z.flank + i, lane]), z[Z.spring_factor + i, lane]
+        z[Z.spring_torque + i, lane] = transmission_torque(p, c, i, phi, preset, flank, factor)
+
+
+@bare
+def _exponential(z: Array, i: int, phi: Any) -> Any:
+    """Value and slope at phi of the exponential spring law of transmission i."""
+    growth = get(z, Z.growth + i)
+    grown = exp(growth * phi)
+    pulled, released = get(z, Z.rise + i) * grown, get(z, Z.fall + i) / grown
+    return pulled - released, growth * (pulled + released)
 
 
 @inlined
@@ -194,11 +206,11 @@ def _wall_torque(z: Array) -> Any:
 
 
 @bare
-def _counter(z: Array, axis: int, count: int, terms: Terms) -> Any:
-    """`torques.counter_torque` of an axis of a joint with `count` transmissions."""
+def _counter(z: Array, axis: int, terms: Terms) -> Any:
+    """`torques.counter_torque` of an axis."""
     if axis > 0:
         return get(z, Z.torque + axis) - get(z, Z.other_torque + axis)
-    counter = get(z, Z.other_torque) if count == 0 else get(z, Z.torque)
+    counter = get(z, Z.other_torque) if terms.springs == 0 else get(z, Z.torque)
     if terms.gravity:
         counter -= _gravity(z)
     if terms.rare >> R.wall & 1:
