@@ -31,7 +31,7 @@ _SIZES = {
     # intermediate values
     "spring_torque": 2, "geared_torque": 2,
     # position drive: goal less encoder offset, 1 while it is on, torque without kd, parameters
-    "goal": 1, "power": 1, "drive_torque": 1, "encoder_offset": 1, "drive_stiffness": 1, "drive_damping": 1,
+    "goal": 1, "power": 1, "drive_torque": 1, "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1,
     "drive_limit": 1, "drive_gain": 1, "drive_bias": 1,
     # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,
     # `no_maxwell` and `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the beginning, the middle and

@@ -35,7 +35,7 @@ _FEWEST = 2  # lanes in lockstep: one is as fast on its own
 _Runs = namedtuple("_Runs", "rows states commands begins measured led out")
 # Work memory of a block. z: see `block`; u, y, modes, weights: of the scalar kernel, the last two per lane. Per lane:
 #   loaded  whether z holds its state
-#   plain   whether its motion is as measured and nothing but the run moves it; its state then rests between events
+#   plain   whether its motion follows from `out`: its state then rests until it takes a tick on its own
 #   number  tick number at the beginning
 #   known   ticks whose commands and motion are in queue and ring buffer of its state
 _Work = namedtuple("_Work", "z u y modes weights loaded plain number known")
@@ -78,17 +78,17 @@ def lead_many(
 def _run_block(runs: _Runs, work: _Work) -> None:
     """All ticks of at most LANES runs."""
     lead, z, period = runs.rows[0], work.z, runs.rows[0, P.tick]
-    terms, count, together, plain, late = terms_of(runs.rows), len(runs.rows), 0, 0, 0
+    terms, count, together, late = terms_of(runs.rows), len(runs.rows), 0, 0
     for lane in range(count):
         p, x = runs.rows[lane], runs.states[lane]
         begin(p, x, work.u, work.modes[lane], work.weights[lane])
         sense(p, x, runs.out[lane, 0])
         load_parameters(p, z, lane)
-        work.number[lane], work.plain[lane] = int(x[X.tick]), runs.led.size == 0 and _has_ideal_encoders(p)
+        work.number[lane], work.plain[lane] = int(x[X.tick]), runs.led.size == 0 and _has_plain_encoders(p)
         z[Z.age, lane] = p[P.origin] + x[X.tick] * period
         alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and is_supported(p)
         z[Z.joins, lane] = alike
-        together, plain, late = together + alike, plain + work.plain[lane], late + work.modes[lane, MODE.late]
+        together, late = together + alike, late + work.modes[lane, MODE.late]
     if together < _FEWEST:
         together = 0
         put(z, Z.joins, 0.0)
@@ -100,8 +100,9 @@ def _run_block(runs: _Runs, work: _Work) -> None:
             _join(runs, work)
         if together > 0:
             for lane in range(count):
+                command = runs.commands[runs.begins[lane] + tick]
                 for i in range(N_COMMANDS):
-                    z[Z.command + i, lane] = runs.commands[runs.begins[lane] + tick, i]
+                    z[Z.command + i, lane] = command[i]
             put(z, Z.external, get(z, Z.command + EXTERNAL))
             if late > 0:
                 _delay(runs, tick, work)
@@ -109,25 +110,26 @@ def _run_block(runs: _Runs, work: _Work) -> None:
             if damped or tick == 0:
                 for lane in range(count):
                     set_damping(runs.rows[lane], period / steps, work.weights[lane, 2], z, lane)
-            for row in range(Z.at - Z.before):
+            for row in range(Z.at - Z.before if terms.rare != 0 else 6):
                 put(z, Z.before + row, get(z, Z.start + row))
             put(z, Z.margin, get(z, Z.joins))
             sticks = any_above(get(z, Z.stuck) + get(z, Z.stuck + 1) + get(z, Z.stuck + 2), 0.0)
             for _ in range(steps):
                 step(z, runs.rows, terms, sticks)
         left_out = together < count or any_above(choose(get(z, Z.margin), 0.0, get(z, Z.joins)), 0.0)
-        if left_out or plain < count:
-            for lane in range(count):
+        for lane in range(count):
+            if work.plain[lane] != 0 and z[Z.margin, lane] > 0.0:
+                motion = runs.out[lane, tick + 1]
+                for i in range(3):
+                    motion[i] = z[Z.start + i, lane] + z[Z.encoder_offset + i, lane]
+                    motion[3 + i] = z[Z.start + 3 + i, lane]
+            else:
                 _finish(runs, lane, tick, work)
-        else:
-            for lane in range(count):
-                for i in range(6):
-                    runs.out[lane, tick + 1, i] = z[Z.start + i, lane]
     for lane in range(count):
         if work.loaded[lane] != 0:
             _store(runs, lane, runs.out.shape[1] - 1, Z.start, work)
-            command = runs.commands[runs.begins[lane] + runs.out.shape[1] - 2]
-            store_inputs(runs.rows[lane], runs.states[lane], command, z, lane)
+            last = runs.commands[runs.begins[lane] + runs.out.shape[1] - 2]
+            store_inputs(runs.rows[lane], runs.states[lane], last, z, lane)
 
 
 @bare
@@ -156,12 +158,8 @@ def _delay(runs: _Runs, tick: int, work: _Work) -> None:
 @bare
 def _finish(runs: _Runs, lane: int, tick: int, work: _Work) -> None:
     """Measured motion at the end of a tick; where the step was not valid, the run takes the tick on its own."""
-    p, x, motion = runs.rows[lane], runs.states[lane], runs.out[lane, tick + 1]
+    p, x = runs.rows[lane], runs.states[lane]
     if work.loaded[lane] != 0 and work.z[Z.margin, lane] > 0.0:
-        if work.plain[lane] != 0:
-            for i in range(6):
-                motion[i] = work.z[Z.start + i, lane]
-            return
         _store(runs, lane, tick + 1, Z.start, work)
     else:
         if work.loaded[lane] != 0:
@@ -169,7 +167,7 @@ def _finish(runs: _Runs, lane: int, tick: int, work: _Work) -> None:
         command = runs.commands[runs.begins[lane] + tick]
         advance_tick(p, x, command, work.u, work.modes[lane], work.weights[lane], work.y)
         work.loaded[lane], work.known[lane] = 0, tick + 1
-    sense(p, x, motion)
+    sense(p, x, runs.out[lane, tick + 1])
 
 
 @bare
@@ -187,8 +185,9 @@ def _store(runs: _Runs, lane: int, tick: int, row: int, work: _Work) -> None:
         for past in range(max(work.known[lane], tick - HISTORY * every), tick):
             if (number + past) % every == 0:
                 here = X.history + 6 * ((number + past) // every % HISTORY)
-                for i in range(6):
-                    x[here + i] = runs.out[lane, past, i]
+                for i in range(3):
+                    x[here + i] = runs.out[lane, past, i] - work.z[Z.encoder_offset + i, lane]
+                    x[here + 3 + i] = runs.out[lane, past, 3 + i]
     store_state(runs.rows[lane], work.z, row, lane, x)
     x[X.tick], work.known[lane] = number + tick, tick
 
@@ -206,9 +205,9 @@ def _lead(p: Array, x: Array, measured: Array, axes: Any) -> None:
 
 
 @bare
-def _has_ideal_encoders(p: Array) -> bool:
-    """Whether encoders have neither skew nor offset nor periodic error."""
-    ideal = True
+def _has_plain_encoders(p: Array) -> bool:
+    """Whether encoders have neither skew nor periodic error."""
+    plain = True
     for axis in range(3):
-        ideal &= p[P.skew + axis] <= 0.0 and p[P.encoder_harmonics + axis] == 0.0 and p[P.encoder_offset + axis] == 0.0
-    return ideal
+        plain &= p[P.skew + axis] <= 0.0 and p[P.encoder_harmonics + axis] == 0.0
+    return plain

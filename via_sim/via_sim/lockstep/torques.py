@@ -18,34 +18,33 @@ from via_sim.lockstep.terms import add_terms, find_input_errors
 _ENOUGH = 1e300  # [N m] margin of an axis that does not stick
 
 
-@inlined
+@bare
 def torques(z: Array, rows: Array, out: int, terms: Terms, sticks: bool) -> None:
     """Torque on each axis without its viscous friction, at the motion `Z.at`, into three rows from `out` on.
 
     rows    (K, N_PARAMETERS) of the lanes
     sticks  whether an axis sticks in any lane
     """
-    for axis in range(3):
-        put(z, out + axis, get(z, Z.torque + axis))
+    link, first, second = get(z, Z.torque), get(z, Z.torque + 1), get(z, Z.torque + 2)
     if terms.gravity:
-        add(z, out, -_gravity(z))
+        link -= _gravity(z)
     if terms.coupled:
-        add(z, out, get(z, Z.damping) * get(z, Z.at + 4))
-        add(z, out + 1, get(z, Z.damping) * get(z, Z.at + 3))
+        link += get(z, Z.damping) * get(z, Z.at + 4)
+        first += get(z, Z.damping) * get(z, Z.at + 3)
     if terms.rare >> R.input & 3:
         find_input_errors(z)
-    for i in range(2):
-        if i < terms.springs:
-            torque = _spring(z, rows, i, terms)
-            put(z, Z.spring_torque + i, torque)
-            add(z, out, -torque)
-            if terms.rare >> R.input & 3:
-                torque *= 1.0 + get(z, Z.input_slope + i)
-            add(z, out + 1 + i, torque)
-            put(z, Z.geared_torque + i, torque)
+    if terms.springs > 0:
+        torque, geared = _spring(z, rows, 0, terms)
+        link, first = link - torque, first + geared
+    if terms.springs > 1:
+        torque, geared = _spring(z, rows, 1, terms)
+        link, second = link - torque, second + geared
+    put(z, out, link)
+    put(z, out + 1, first)
+    put(z, out + 2, second)
     if terms.rare != 0:
         _add_rare_torques(z, terms.axes, out, terms.rare)
-    for axis in range(3):
+    for axis in range(terms.axes):
         if terms.friction >> axis & 1:
             _add_friction(z, axis, out, terms, sticks)
 
@@ -97,33 +96,72 @@ def _add_friction(z: Array, axis: int, out: int, terms: Terms, sticks: bool) -> 
 
 @inlined
 def _spring(z: Array, rows: Array, i: int, terms: Terms) -> Any:
-    """Torque [N m] of transmission i."""
-    kind = terms.kinds[i]
-    if kind != ODD_POLYNOMIAL and kind != SINH and kind != EXPONENTIAL:
-        _each_spring(z, rows, i)
-        return get(z, Z.spring_torque + i)
-    phi = get(z, Z.at) - get(z, Z.at + 1 + i) - get(z, Z.pretension_offset + i) - get(z, Z.input_error + i)
+    """Torques [N m] of transmission i on the link and on its motor."""
+    phi = get(z, Z.at) - get(z, Z.at + 1 + i) - get(z, Z.pretension_offset + i)
+    if terms.rare >> R.input & 3:
+        phi -= get(z, Z.input_error + i)
     factor = get(z, Z.spring_factor + i)
     if terms.gaps > i:
         flank, half = get(z, Z.flank + i), get(z, Z.half_gap + i)
         phi -= flank * half
         factor = choose(half * (1.0 - abs(flank)), 0.0, factor)
-    stop = get(z, Z.stop + i)
-    inside = min(max(phi, -stop), stop)
-    if kind == ODD_POLYNOMIAL:
-        torque, slope = _polynomial(z, Z.spring + i * N_COEFFICIENTS, terms.coefficients, inside)
-    else:
-        torque, slope = _exponential(z, i, inside)
-    torque += max(slope, 0.0) * (phi - inside)
     if terms.rare >> R.hardening & 1:
         share = 1.0 + get(z, Z.spring_hardening + i) * phi * phi
-        factor *= choose(abs(phi) - stop, max(share, 0.0), share)
-    return factor * torque
+        factor *= choose(abs(phi) - get(z, Z.stop + i), max(share, 0.0), share)
+    kind = terms.kinds[i]
+    if kind != ODD_POLYNOMIAL and kind != SINH and kind != EXPONENTIAL:
+        torque = _each_spring(z, rows, i)
+    elif any_above(abs(phi), get(z, Z.stop + i)):
+        torque = factor * _stopped(z, i, phi, terms)
+    elif kind == ODD_POLYNOMIAL:
+        torque = factor * _polynomial(z, i, phi, terms)
+    else:
+        torque = factor * _exponential(z, i, phi, 1.0)
+    geared = torque
+    if terms.rare >> R.input & 3:
+        geared *= 1.0 + get(z, Z.input_slope + i)
+    if terms.friction != 0:
+        put(z, Z.spring_torque + i, torque)
+        put(z, Z.geared_torque + i, geared)
+    return torque, geared
+
+
+@inlined
+def _polynomial(z: Array, i: int, phi: Any, terms: Terms) -> Any:
+    """Odd polynomial of transmission i at phi."""
+    start, square = Z.spring + i * N_COEFFICIENTS, phi * phi
+    value = get(z, start + terms.coefficients - 1)
+    for k in range(terms.coefficients - 2, -1, -1):
+        value = value * square + get(z, start + k)
+    return value * phi
 
 
 @bare
-def _each_spring(z: Array, rows: Array, i: int) -> None:
-    """Torques of transmission i, lane by lane, into `Z.spring_torque`: of spring laws without a form for packs."""
+def _exponential(z: Array, i: int, phi: Any, sign: float) -> Any:
+    """Exponential spring law of transmission i at phi; with `sign` -1 its slope over its growth."""
+    grown = exp(get(z, Z.growth + i) * phi)
+    return get(z, Z.rise + i) * grown - sign * (get(z, Z.fall + i) / grown)
+
+
+@bare
+def _stopped(z: Array, i: int, phi: Any, terms: Terms) -> Any:
+    """Spring law of transmission i at phi, beyond its stop along its tangent."""
+    stop = get(z, Z.stop + i)
+    inside = min(max(phi, -stop), stop)
+    if terms.kinds[i] == ODD_POLYNOMIAL:
+        torque, slope, power = _polynomial(z, i, inside, terms), 0.0 * inside, 1.0 + 0.0 * inside
+        for k in range(terms.coefficients):
+            slope += (2.0 * k + 1.0) * get(z, Z.spring + i * N_COEFFICIENTS + k) * power
+            power *= inside * inside
+    else:
+        torque = _exponential(z, i, inside, 1.0)
+        slope = get(z, Z.growth + i) * _exponential(z, i, inside, -1.0)
+    return torque + max(slope, 0.0) * (phi - inside)
+
+
+@bare
+def _each_spring(z: Array, rows: Array, i: int) -> Any:
+    """Torque of transmission i, lane by lane: for spring laws without a form for packs."""
     for lane in range(LANES):
         p = rows[min(lane, len(rows) - 1)]
         c = p[P.spring + i * N_COEFFICIENTS : P.spring + (i + 1) * N_COEFFICIENTS]
@@ -131,28 +169,7 @@ def _each_spring(z: Array, rows: Array, i: int) -> None:
         phi, preset = deflection(p, i, q, z[Z.at + 1 + i, lane]), preset_of(p, i, m1, m2)
         flank, factor = int(z[Z.flank + i, lane]), z[Z.spring_factor + i, lane]
         z[Z.spring_torque + i, lane] = transmission_torque(p, c, i, phi, preset, flank, factor)
-
-
-@bare
-def _exponential(z: Array, i: int, phi: Any) -> Any:
-    """Value and slope at phi of the exponential spring law of transmission i."""
-    growth = get(z, Z.growth + i)
-    grown = exp(growth * phi)
-    pulled, released = get(z, Z.rise + i) * grown, get(z, Z.fall + i) / grown
-    return pulled - released, growth * (pulled + released)
-
-
-@inlined
-def _polynomial(z: Array, start: int, count: int, phi: Any) -> Any:
-    """Value and slope at phi of the odd polynomial with `count` coefficients in rows from `start` on."""
-    square, k = phi * phi, count - 1
-    value = get(z, start + k)
-    slope = (2.0 * k + 1.0) * value
-    for k in range(count - 2, -1, -1):
-        coefficient = get(z, start + k)
-        value = value * square + coefficient
-        slope = slope * square + (2.0 * k + 1.0) * coefficient
-    return value * phi, slope
+    return get(z, Z.spring_torque + i)
 
 
 @bare
