@@ -6,7 +6,7 @@ from math import exp, floor, inf
 
 from via_core.dampers import damper_value
 from via_core.signals import Array
-from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, SINH
+from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.joint.compiled import bare
 from via_sim.joint.friction import feels_both_sides, has_friction
@@ -188,6 +188,13 @@ def terms_of(rows: Array) -> Terms:
     kinds = int(rows[0, P.spring_kind]), int(rows[0, P.spring_kind + 1])
     count, coupled = int(rows[0, P.transmissions]), rows[0, P.damper_site] == AT_TRANSMISSION
     return Terms(axes, count, kinds, coefficients, gravity, coupled, friction, falls, gaps, rare)
+
+
+@bare
+def is_simple(terms: Terms) -> bool:
+    """Whether a block has springs with odd polynomials, gravity, a damper and dry friction at most."""
+    kinds = terms.kinds
+    return terms.rare == 0 and terms.gaps == 0 and kinds[0] == kinds[1] == ODD_POLYNOMIAL
 
 
 @bare

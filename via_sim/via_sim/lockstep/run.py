@@ -11,12 +11,13 @@ from via_core.signals import Array
 from via_sim.joint.compiled import bare, compiled
 from via_sim.joint.encoders import true_motion
 from via_sim.joint.kernel import advance_tick, begin, queued_at
-from via_sim.joint.layout import EXTERNAL, HISTORY, MODE, N_COMMANDS, N_INPUTS, N_MODES, QUEUED, X
+from via_sim.joint.layout import EXTERNAL, FULL, HISTORY, MODE, N_COMMANDS, N_INPUTS, N_MODES, QUEUED, X
 from via_sim.joint.measurements import record, sense
 from via_sim.joint.parameters import NO_DAMPER, POSITION_DRIVE, P
 from via_sim.joint.step import N_WEIGHTS
 from via_sim.lockstep.block import N_ROWS, Z
 from via_sim.lockstep.lanes import (
+    is_simple,
     is_supported,
     load_parameters,
     load_state,
@@ -28,8 +29,6 @@ from via_sim.lockstep.lanes import (
 )
 from via_sim.lockstep.pack import LANES, any_above, choose, get, put, rows_of_packs
 from via_sim.lockstep.step import step
-
-_FEWEST = 2  # lanes in lockstep: one is as fast on its own
 
 # Arguments of `lead_many`, for the runs of a block.
 _Runs = namedtuple("_Runs", "rows states commands begins measured led out")
@@ -89,10 +88,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
         alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and is_supported(p)
         z[Z.joins, lane] = alike
         together, late = together + alike, late + work.modes[lane, MODE.late]
-    if together < _FEWEST:
-        together = 0
-        put(z, Z.joins, 0.0)
-    steps = max(1, int(lead[P.substeps]))
+    simple, steps = is_simple(terms), max(1, int(lead[P.substeps]))
     damped = lead[P.damper_site] != NO_DAMPER or lead[P.link_drive] == POSITION_DRIVE
     left_out = True
     for tick in range(runs.out.shape[1] - 1):
@@ -115,7 +111,10 @@ def _run_block(runs: _Runs, work: _Work) -> None:
             put(z, Z.margin, get(z, Z.joins))
             sticks = any_above(get(z, Z.stuck) + get(z, Z.stuck + 1) + get(z, Z.stuck + 2), 0.0)
             for _ in range(steps):
-                step(z, runs.rows, terms, sticks)
+                if simple:
+                    step(z, runs.rows, terms, sticks, None)
+                else:
+                    step(z, runs.rows, terms, sticks, FULL)
         left_out = together < count or any_above(choose(get(z, Z.margin), 0.0, get(z, Z.joins)), 0.0)
         for lane in range(count):
             if work.plain[lane] != 0 and z[Z.margin, lane] > 0.0:

@@ -15,38 +15,38 @@ from via_sim.lockstep.torques import apply_lag, bristle_torque, lagged, maxwell_
 
 
 @bare
-def step(z: Array, rows: Array, terms: Terms, sticks: bool) -> None:
+def step(z: Array, rows: Array, terms: Terms, sticks: bool, full: Any) -> None:
     """One Krogstad step of the block in place, as `step.krogstad_step`; valid in lanes whose margin stays positive.
 
     rows    (K, N_PARAMETERS) of the lanes
     sticks  whether an axis sticks in any lane
+    full    FULL, or None without the terms that a block which `is_simple` lacks
     """
     axes, friction, rare = terms.axes, terms.friction, terms.rare
-    lags = rare >> R.lag & 1 != 0
     for row in range(6):
         put(z, Z.at + row, get(z, Z.start + row))
-    if lags:
+    if full is not None and rare >> R.lag & 1:
         apply_lag(z, 0)
-    torques(z, rows, Z.n, terms, sticks)
+    torques(z, rows, Z.n, terms, sticks, full)
     for axis in range(axes):
         put(z, Z.a + axis, 0.0)
     _stage(z, axes, W.half, W.a_n, W.b_a, Z.a)
     if friction != 0:
         for axis in range(axes):
             put(z, Z.midpoint + axis, get(z, Z.at + 3 + axis))
-    if lags:
+    if full is not None and rare >> R.lag & 1:
         apply_lag(z, 1)
-    torques(z, rows, Z.a, terms, sticks)
+    torques(z, rows, Z.a, terms, sticks, full)
     _stage(z, axes, W.half, W.b_n, W.b_a, Z.a)
     if friction != 0:
         for axis in range(axes):  # twice the midpoint velocity
             add(z, Z.midpoint + axis, get(z, Z.at + 3 + axis))
         _check_modes(z, Z.midpoint, axes, friction, 0)
-    torques(z, rows, Z.b, terms, sticks)
+    torques(z, rows, Z.b, terms, sticks, full)
     _stage(z, axes, W.full, W.c_n, W.c_b, Z.b)
-    if lags:
+    if full is not None and rare >> R.lag & 1:
         apply_lag(z, 2)
-    torques(z, rows, Z.c, terms, sticks)
+    torques(z, rows, Z.c, terms, sticks, full)
     for axis in range(axes):
         add(z, Z.a + axis, get(z, Z.b + axis))
     _stage(z, axes, W.full, W.end_n, W.end_ab, Z.a)
@@ -54,12 +54,13 @@ def step(z: Array, rows: Array, terms: Terms, sticks: bool) -> None:
         w, last = Z.weight + PER_AXIS * axis + W.end_c, get(z, Z.c + axis)
         add(z, Z.at + axis, get(z, w + 1) * last)
         add(z, Z.at + 3 + axis, get(z, w) * last)
-    if rare >> R.input & 3:
+    if full is not None and rare >> R.input & 3:
         find_input_errors(z)
-    _check_modes(z, Z.at + 3, axes, friction, terms.gaps)
+    if friction != 0 or terms.gaps != 0:
+        _check_modes(z, Z.at + 3, axes, friction, terms.gaps)
     if sticks:  # for the margin of stuck axes at the end of the step
-        torques(z, rows, Z.n, terms, sticks)
-    if rare != 0:
+        torques(z, rows, Z.n, terms, sticks, full)
+    if full is not None and rare != 0:
         _check_rare_modes(z, rare)
         _update_memory(z, axes, rare)
     for row in range(6):

@@ -10,7 +10,7 @@ from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIA
 
 from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import deflection, preset_of, transmission_torque
+from via_sim.joint.torques import preset_of, spring_law
 from via_sim.lockstep.block import R, Terms, Z
 from via_sim.lockstep.pack import LANES, add, any_above, choose, get, put
 from via_sim.lockstep.terms import add_terms, find_input_errors
@@ -18,35 +18,47 @@ from via_sim.lockstep.terms import add_terms, find_input_errors
 _ENOUGH = 1e300  # [N m] margin of an axis that does not stick
 
 
-@bare
-def torques(z: Array, rows: Array, out: int, terms: Terms, sticks: bool) -> None:
+@inlined
+def torques(z: Array, rows: Array, out: int, terms: Terms, sticks: bool, full: Any) -> None:
     """Torque on each axis without its viscous friction, at the motion `Z.at`, into three rows from `out` on.
 
     rows    (K, N_PARAMETERS) of the lanes
     sticks  whether an axis sticks in any lane
+    full    FULL, or None without the terms that a block which `is_simple` lacks
     """
+    if full is None:
+        _simple_torques(z, rows, out, terms, sticks, full)
+    else:
+        _all_torques(z, rows, out, terms, sticks, full)
+
+
+@bare
+def _all_torques(z: Array, rows: Array, out: int, terms: Terms, sticks: bool, full: Any) -> None:
     link, first, second = get(z, Z.torque), get(z, Z.torque + 1), get(z, Z.torque + 2)
     if terms.gravity:
         link -= _gravity(z)
     if terms.coupled:
         link += get(z, Z.damping) * get(z, Z.at + 4)
         first += get(z, Z.damping) * get(z, Z.at + 3)
-    if terms.rare >> R.input & 3:
+    if full is not None and terms.rare >> R.input & 3:
         find_input_errors(z)
     if terms.springs > 0:
-        torque, geared = _spring(z, rows, 0, terms)
+        torque, geared = _spring(z, rows, 0, terms, full)
         link, first = link - torque, first + geared
     if terms.springs > 1:
-        torque, geared = _spring(z, rows, 1, terms)
+        torque, geared = _spring(z, rows, 1, terms, full)
         link, second = link - torque, second + geared
     put(z, out, link)
     put(z, out + 1, first)
     put(z, out + 2, second)
-    if terms.rare != 0:
+    if full is not None and terms.rare != 0:
         _add_rare_torques(z, terms.axes, out, terms.rare)
     for axis in range(terms.axes):
         if terms.friction >> axis & 1:
             _add_friction(z, axis, out, terms, sticks)
+
+
+_simple_torques = inlined(_all_torques.py_func)
 
 
 @inlined
@@ -95,35 +107,40 @@ def _add_friction(z: Array, axis: int, out: int, terms: Terms, sticks: bool) -> 
 
 
 @inlined
-def _spring(z: Array, rows: Array, i: int, terms: Terms) -> Any:
+def _spring(z: Array, rows: Array, i: int, terms: Terms, full: Any) -> Any:
     """Torques [N m] of transmission i on the link and on its motor."""
-    phi = get(z, Z.at) - get(z, Z.at + 1 + i) - get(z, Z.pretension_offset + i)
-    if terms.rare >> R.input & 3:
-        phi -= get(z, Z.input_error + i)
-    factor = get(z, Z.spring_factor + i)
-    if terms.gaps > i:
-        flank, half = get(z, Z.flank + i), get(z, Z.half_gap + i)
-        phi -= flank * half
-        factor = choose(half * (1.0 - abs(flank)), 0.0, factor)
-    if terms.rare >> R.hardening & 1:
-        share = 1.0 + get(z, Z.spring_hardening + i) * phi * phi
-        factor *= choose(abs(phi) - get(z, Z.stop + i), max(share, 0.0), share)
-    kind = terms.kinds[i]
-    if kind != ODD_POLYNOMIAL and kind != SINH and kind != EXPONENTIAL:
-        torque = _each_spring(z, rows, i)
-    elif any_above(abs(phi), get(z, Z.stop + i)):
-        torque = factor * _stopped(z, i, phi, terms)
-    elif kind == ODD_POLYNOMIAL:
-        torque = factor * _polynomial(z, i, phi, terms)
-    else:
-        torque = factor * _exponential(z, i, phi, 1.0)
+    phi, factor = get(z, Z.at) - get(z, Z.at + 1 + i) - get(z, Z.pretension_offset + i), get(z, Z.spring_factor + i)
+    if full is not None:
+        if terms.rare >> R.input & 3:
+            phi -= get(z, Z.input_error + i)
+        if terms.gaps > i:
+            flank, half = get(z, Z.flank + i), get(z, Z.half_gap + i)
+            phi -= flank * half
+            factor = choose(half * (1.0 - abs(flank)), 0.0, factor)
+        if terms.rare >> R.hardening & 1:
+            share = 1.0 + get(z, Z.spring_hardening + i) * phi * phi
+            factor *= choose(abs(phi) - get(z, Z.stop + i), max(share, 0.0), share)
+    torque = factor * _law(z, rows, i, phi, terms, full)
     geared = torque
-    if terms.rare >> R.input & 3:
+    if full is not None and terms.rare >> R.input & 3:
         geared *= 1.0 + get(z, Z.input_slope + i)
     if terms.friction != 0:
         put(z, Z.spring_torque + i, torque)
         put(z, Z.geared_torque + i, geared)
     return torque, geared
+
+
+@inlined
+def _law(z: Array, rows: Array, i: int, phi: Any, terms: Terms, full: Any) -> Any:
+    """Spring law of transmission i at phi, see `torques.spring_law`."""
+    if full is not None and terms.kinds[i] != ODD_POLYNOMIAL:
+        if terms.kinds[i] != SINH and terms.kinds[i] != EXPONENTIAL:
+            return _each_law(z, rows, i, phi)
+        if not any_above(abs(phi), get(z, Z.stop + i)):
+            return _exponential(z, i, phi, 1.0)
+    elif not any_above(abs(phi), get(z, Z.stop + i)):
+        return _polynomial(z, i, phi, terms)
+    return _stopped_law(z, i, phi, terms)
 
 
 @inlined
@@ -144,7 +161,7 @@ def _exponential(z: Array, i: int, phi: Any, sign: float) -> Any:
 
 
 @bare
-def _stopped(z: Array, i: int, phi: Any, terms: Terms) -> Any:
+def _stopped_law(z: Array, i: int, phi: Any, terms: Terms) -> Any:
     """Spring law of transmission i at phi, beyond its stop along its tangent."""
     stop = get(z, Z.stop + i)
     inside = min(max(phi, -stop), stop)
@@ -160,15 +177,14 @@ def _stopped(z: Array, i: int, phi: Any, terms: Terms) -> Any:
 
 
 @bare
-def _each_spring(z: Array, rows: Array, i: int) -> Any:
-    """Torque of transmission i, lane by lane: for spring laws without a form for packs."""
+def _each_law(z: Array, rows: Array, i: int, phi: Any) -> Any:
+    """Spring law of transmission i at phi, lane by lane: for laws without a form for packs."""
+    put(z, Z.spring_torque + i, phi)
     for lane in range(LANES):
-        p = rows[min(lane, len(rows) - 1)]
+        p, at = rows[min(lane, len(rows) - 1)], z[Z.spring_torque + i, lane]
         c = p[P.spring + i * N_COEFFICIENTS : P.spring + (i + 1) * N_COEFFICIENTS]
-        q, m1, m2 = z[Z.at, lane], z[Z.at + 1, lane], z[Z.at + 2, lane]
-        phi, preset = deflection(p, i, q, z[Z.at + 1 + i, lane]), preset_of(p, i, m1, m2)
-        flank, factor = int(z[Z.flank + i, lane]), z[Z.spring_factor + i, lane]
-        z[Z.spring_torque + i, lane] = transmission_torque(p, c, i, phi, preset, flank, factor)
+        preset = preset_of(p, i, z[Z.at + 1, lane], z[Z.at + 2, lane])
+        z[Z.spring_torque + i, lane] = spring_law(p, c, i, at, preset)
     return get(z, Z.spring_torque + i)
 
 
