@@ -108,8 +108,11 @@ _operator(choose, 3, _chosen)
 
 
 def _place(context: Any, builder: Any, kind: Any, z: Any, row: Any) -> Any:
-    start = builder.gep(context.make_array(kind)(context, builder, z).data, [builder.mul(row, row.type(LANES))])
-    return builder.bitcast(start, _VECTOR.as_pointer())
+    return builder.gep(context.make_array(kind)(context, builder, z).data, [builder.mul(row, row.type(LANES))])
+
+
+def _pack_at(context: Any, builder: Any, kind: Any, z: Any, row: Any) -> Any:
+    return builder.bitcast(_place(context, builder, kind, z, row), _VECTOR.as_pointer())
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -117,7 +120,7 @@ def get(_typing: Any, z: Any, _row: Any) -> Any:
     """Row of z as a pack."""
 
     def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        return builder.load(_place(context, builder, z, *args), align=8)
+        return builder.load(_pack_at(context, builder, z, *args), align=8)
 
     return PACK(z, types.intp), generate
 
@@ -127,10 +130,31 @@ def put(_typing: Any, z: Any, _row: Any, _value: Any) -> Any:
     """Set a row of z to a pack or a number."""
 
     def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-        builder.store(args[2], _place(context, builder, z, *args[:2]), align=8)
+        builder.store(args[2], _pack_at(context, builder, z, *args[:2]), align=8)
         return context.get_dummy_value()
 
     return types.void(z, types.intp, PACK), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def get_one(_typing: Any, z: Any, _row: Any, _lane: Any) -> Any:
+    """z[row, lane] for inner loops: numba does not know that a row has LANES numbers."""
+
+    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        return builder.load(builder.gep(_place(context, builder, z, *args[:2]), [args[2]]))
+
+    return types.float64(z, types.intp, types.intp), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def put_one(_typing: Any, z: Any, _row: Any, _lane: Any, _value: Any) -> Any:
+    """Set z[row, lane], see `get_one`."""
+
+    def generate(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+        builder.store(args[3], builder.gep(_place(context, builder, z, *args[:2]), [args[2]]))
+        return context.get_dummy_value()
+
+    return types.void(z, types.intp, types.intp, types.float64), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]

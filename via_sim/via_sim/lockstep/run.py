@@ -27,7 +27,7 @@ from via_sim.lockstep.lanes import (
     take_commands,
     terms_of,
 )
-from via_sim.lockstep.pack import LANES, any_above, choose, get, put, rows_of_packs
+from via_sim.lockstep.pack import LANES, any_above, choose, get, get_one, put, put_one, rows_of_packs
 from via_sim.lockstep.step import step
 
 # Arguments of `lead_many`, for the runs of a block.
@@ -98,7 +98,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
             for lane in range(count):
                 command = runs.commands[runs.begins[lane] + tick]
                 for i in range(N_COMMANDS):
-                    z[Z.command + i, lane] = command[i]
+                    put_one(z, Z.command + i, lane, command[i])
             put(z, Z.external, get(z, Z.command + EXTERNAL))
             if late > 0:
                 _delay(runs, tick, work)
@@ -117,11 +117,11 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                     step(z, runs.rows, terms, sticks, FULL)
         left_out = together < count or any_above(choose(get(z, Z.margin), 0.0, get(z, Z.joins)), 0.0)
         for lane in range(count):
-            if work.plain[lane] != 0 and z[Z.margin, lane] > 0.0:
+            if work.plain[lane] != 0 and get_one(z, Z.margin, lane) > 0.0:
                 motion = runs.out[lane, tick + 1]
                 for i in range(3):
-                    motion[i] = z[Z.start + i, lane] + z[Z.encoder_offset + i, lane]
-                    motion[3 + i] = z[Z.start + 3 + i, lane]
+                    motion[i] = get_one(z, Z.start + i, lane) + get_one(z, Z.encoder_offset + i, lane)
+                    motion[3 + i] = get_one(z, Z.start + 3 + i, lane)
             else:
                 _finish(runs, lane, tick, work)
     for lane in range(count):
