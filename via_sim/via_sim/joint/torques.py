@@ -137,7 +137,7 @@ def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, f
 
 @inlined
 def spring_law(p: Array, c: Array, i: int, phi: float, preset: float) -> float:
-    """Law of spring i at phi [rad], beyond its stop along its tangent: laws overflow or end there."""
+    """Spring law i at phi [rad]; beyond the stop its tangent, because it may overflow or end there."""
     kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
     if abs(phi) > stop:
         edge = copysign(stop, phi)

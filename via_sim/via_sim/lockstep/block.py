@@ -6,9 +6,9 @@ from collections import namedtuple
 from typing import Any
 
 import numpy as np
-from via_core.signals import Array
 from via_core.spring_equations import N_COEFFICIENTS
 
+from via_sim.catalogue.terms import SIGNALS
 from via_sim.joint.layout import N_COMMANDS
 from via_sim.joint.parameters import P
 from via_sim.joint.step import PER_AXIS
@@ -21,9 +21,10 @@ _SIZES = {
     "start": 6, "bristle": 3, "maxwell": 2, "lagged": 3, "before": 14, "at": 6, "midpoint": 3,
     # torques at Krogstad's stages, and the weights of `kernel.weigh`
     "n": 3, "a": 3, "b": 3, "c": 3, "weight": 3 * PER_AXIS,
-    # age at the beginning of the run; inputs: command row behind the dead time, its external torque before it, all torque,
-    # the part that is not from the drives, drive torque before the lag
-    "age": 1, "command": N_COMMANDS, "external": 1, "torque": 3, "other_torque": 3, "commanded": 3, "damping": 1, "spring_factor": 2,
+    # age at the beginning of the run; inputs: command row behind the dead time, its external torque before it, all
+    # torque, the part that is not from the drives, drive torque before the lag
+    "age": 1, "command": N_COMMANDS, "external": 1, "torque": 3, "other_torque": 3, "commanded": 3, "damping": 1,
+    "spring_factor": 2,
     # modes: slip direction (0 without friction), 1 where an axis sticks, flank of the gap, slip direction of the
     # Maxwell element, 1 where the wall is touched; `joins` is 1 where the lane goes in lockstep, else -1; the margin is
     # positive while such a lane has kept its modes
@@ -34,19 +35,19 @@ _SIZES = {
     "goal": 1, "power": 1, "drive_torque": 1, "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1,
     "drive_limit": 1, "drive_gain": 1, "drive_bias": 1,
     # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,
-    # `no_maxwell` and `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the beginning, the middle and
-    # the end of a step
+    # `no_maxwell` and `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the
+    # beginning, the middle and the end of a step
     "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
     "viscous_asymmetry": 3, "load_friction": 3, "counter_friction": 3, "load_stribeck": 3, "counter_stribeck": 3,
     "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3,
     "gravity_torque": 1, "gravity_angle": 1, "spring": 2 * N_COEFFICIENTS, "rise": 2, "fall": 2, "growth": 2,
     "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "no_maxwell": 2,
-    "slip_torque": 2, "slip_stiffness": 2, "spring_damping": 2, "contact_angle": 1, "contact_side": 1, "contact_stiffness": 1,
-    "contact_damping": 1, "no_wall": 1, "coupling": 3, "pulse_torque": 1, "pulse_start": 1, "pulse_stop": 1,
-    "spring_scale": 2, "stiffness_rate": 2, "torque_limit": 2, "torque_gain": 3, "torque_bias": 3, "lag_left": 3,
+    "slip_torque": 2, "slip_stiffness": 2, "spring_damping": 2, "contact_angle": 1, "contact_side": 1,
+    "contact_stiffness": 1, "contact_damping": 1, "no_wall": 1, "coupling": 3, "pulse_torque": 1, "pulse_start": 1,
+    "pulse_stop": 1, "spring_scale": 2, "stiffness_rate": 2, "torque_limit": 2, "torque_gain": 3, "torque_bias": 3, "lag_left": 3,
     # of terms at the input of a transmission: error [rad] and its derivative
     "input_error": 2, "input_slope": 2,
-    **{name: 3 * term.repeats for place in ("axis", "command", "input") for term in terms_at(place) for name in term.slots},
+    **{name: 3 * term.repeats for place in SIGNALS for term in terms_at(place) for name in term.slots},
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))

@@ -103,7 +103,7 @@ def load_state(p: Array, x: Array, z: Array, lane: int) -> None:
 
 @bare
 def store_state(p: Array, z: Array, row: int, lane: int, x: Array) -> None:
-    """Copy motion and torques of the elements with memory from the rows `row` (`Z.start` or `Z.before`) into state x."""
+    """Copy motion and torques of the elements with memory from rows `row` (`Z.start` or `Z.before`) into state x."""
     for i in range(6):
         x[i] = z[row + i, lane]
     for i in range(8 if p[P.lag] > 0.0 else 5):

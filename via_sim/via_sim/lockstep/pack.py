@@ -1,11 +1,11 @@
 """A compiled number type: LANES float64 numbers, one per run, with the operators of a number.
 
 LLVM keeps a pack in vector registers, which no loop over lanes guarantees. An equation written for numbers therefore
-serves all lanes of a block at once; a number among its operands counts for all lanes. Differences from scalar
-arithmetic are of rounding: products and sums are contracted to one instruction, and sine and exponential are
-polynomials, because the library has none for vectors.
+serves all lanes of a block at once; a number among its operands counts for all lanes. A comparison is 1 or 0 in each
+lane. Sums and products round as scalar ones; sine and exponential are polynomials, because the library has none for
+vectors.
 
-A comparison of packs is 1 or 0 in each lane. Compiled functions read and write packs as rows of a matrix z (rows, LANES), in which `z[row, lane]` is one number.
+Compiled functions read and write packs as rows of a matrix z (rows, LANES), in which `z[row, lane]` is one number.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from via_core.signals import Array
 
 from via_sim.joint.compiled import bare, compiled, inlined
 
-LANES = 16  # the widest vector registers
+LANES = 16  # two of the widest vector registers: each waits less for the other's results
 _VECTOR, _WHOLE = ir.VectorType(ir.DoubleType(), LANES), ir.VectorType(ir.IntType(64), LANES)
 
 
@@ -65,34 +65,38 @@ def _operator(function: Any, count: int, build: Callable[..., Any]) -> None:
     lower_builtin(function, *[PACK] * count)(lambda _context, builder, _types, args: build(builder, *args))
 
 
-def _least(order: str) -> Callable[..., Any]:
+def _arithmetic(name: str) -> Callable[..., Any]:
+    return lambda builder, a, b: getattr(builder, name)(a, b)
+
+
+def _compared(order: str) -> Callable[..., Any]:
+    return lambda builder, a, b: builder.uitofp(builder.fcmp_ordered(order, a, b), _VECTOR)
+
+
+def _chosen_by(order: str) -> Callable[..., Any]:
     return lambda builder, a, b: builder.select(builder.fcmp_ordered(order, a, b), a, b)
 
 
-def _call(name: str) -> Callable[..., Any]:
-    full = f"llvm.{name}.v{LANES}f64"
-    return lambda builder, a: builder.call(
-        builder.module.declare_intrinsic(full, (), ir.FunctionType(_VECTOR, [_VECTOR])), [a]
-    )
+def _called(name: str) -> Callable[..., Any]:
+    kind = ir.FunctionType(_VECTOR, [_VECTOR])
+    return lambda builder, a: builder.call(builder.module.declare_intrinsic(f"llvm.{name}.v{LANES}f64", (), kind), [a])
 
 
-_FUSED = ("contract",)
-for _function, _build in (
-    (operator.add, lambda builder, a, b: builder.fadd(a, b, flags=_FUSED)),
-    (operator.sub, lambda builder, a, b: builder.fsub(a, b, flags=_FUSED)),
-    (operator.mul, lambda builder, a, b: builder.fmul(a, b, flags=_FUSED)),
-    (operator.truediv, lambda builder, a, b: builder.fdiv(a, b)),
-    (min, _least("<")),
-    (max, _least(">")),
+for _functions, _count, _build in (
+    ((operator.add, operator.iadd), 2, _arithmetic("fadd")),
+    ((operator.sub, operator.isub), 2, _arithmetic("fsub")),
+    ((operator.mul, operator.imul), 2, _arithmetic("fmul")),
+    ((operator.truediv,), 2, _arithmetic("fdiv")),
+    ((operator.neg,), 1, lambda builder, a: builder.fneg(a)),
+    ((operator.gt,), 2, _compared(">")),
+    ((operator.ge,), 2, _compared(">=")),
+    ((min,), 2, _chosen_by("<")),
+    ((max,), 2, _chosen_by(">")),
+    ((abs,), 1, _called("fabs")),
+    ((math.floor,), 1, _called("floor")),
 ):
-    _operator(_function, 2, _build)
-for _function, _inplace in ((operator.add, operator.iadd), (operator.sub, operator.isub), (operator.mul, operator.imul)):
-    _operator(_inplace, 2, lambda builder, a, b, kind=_function.__name__: getattr(builder, f"f{kind}")(a, b, flags=_FUSED))
-for _function, _order in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
-    _operator(_function, 2, lambda builder, a, b, order=_order: builder.uitofp(builder.fcmp_ordered(order, a, b), _VECTOR))
-_operator(operator.neg, 1, lambda builder, a: builder.fneg(a))
-_operator(abs, 1, _call("fabs"))
-_operator(math.floor, 1, _call("floor"))
+    for _function in _functions:
+        _operator(_function, _count, _build)
 
 
 def choose(_sign: float, _above: float, _else: float) -> float:

@@ -148,10 +148,10 @@ def _delay(runs: _Runs, tick: int, work: _Work) -> None:
     """Commands behind the dead time into the lanes."""
     for lane in range(len(runs.rows)):
         late, x = work.modes[lane, MODE.late], runs.states[lane]
-        slot = (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED)
-        for i in range(QUEUED if late > 0 else 0):
-            before = x[queued_at(x, slot, late) + i] if late > tick else runs.commands[runs.begins[lane] + tick - late, i]
-            work.z[Z.command + i, lane] = before
+        queued = queued_at(x, (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED), late)
+        sent = runs.commands[max(runs.begins[lane] + tick - late, 0)]
+        for i in range(QUEUED):
+            work.z[Z.command + i, lane] = x[queued + i] if late > tick else sent[i]
 
 
 @bare

@@ -178,7 +178,7 @@ def _stopped_law(z: Array, i: int, phi: Any, terms: Terms) -> Any:
 
 @bare
 def _each_law(z: Array, rows: Array, i: int, phi: Any) -> Any:
-    """Spring law of transmission i at phi, lane by lane: for laws without a form for packs."""
+    """Spring law of transmission i at phi, lane by lane: for kinds of springs without a form for packs."""
     put(z, Z.spring_torque + i, phi)
     for lane in range(LANES):
         p, at = rows[min(lane, len(rows) - 1)], z[Z.spring_torque + i, lane]

@@ -1,4 +1,4 @@
-"""The joint of `simulator` in plain C, compiled if a compiler is found."""
+"""The joint of `simulator` in plain C, compiled if a compiler is found: one joint, many lanes, and the table."""
 
 from __future__ import annotations
 
@@ -13,12 +13,17 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 from via_core.signals import Array
 from via_sim.joint.parameters import P
 from via_sim.joint.step import N_WEIGHTS, PER_AXIS, weigh
 
+from via_validation.bench.timing import Contender, take_turns
+
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
 LANES = 16  # of the C code
+TURNS = 9
 DOUBLES = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
 
 
@@ -68,3 +73,16 @@ def _weights(row: Array) -> Array:
     weights = np.full(N_WEIGHTS, np.nan)
     weigh(row, row[P.tick] / int(row[P.substeps]), 0.0, weights)
     return weights[: 3 * PER_AXIS]
+
+
+def beside_c(console: Console, title: str, reference: Contender, contenders: dict[str, Contender]) -> dict[str, float]:
+    """Print and return the speed of contenders relative to the reference: its processor time over theirs."""
+    times = take_turns({"C": reference, **contenders}, TURNS)
+    table = Table(title=title)
+    for heading in ("", "ns per tick", "speed / C"):
+        table.add_column(heading, justify="right" if heading else "left")
+    speeds = {name: times["C"].over(each) for name, each in times.items()}
+    for name, each in times.items():
+        table.add_row(name, f"{each.nanoseconds:.1f}", f"{speeds[name]:.2f}")
+    console.print(table)
+    return speeds
