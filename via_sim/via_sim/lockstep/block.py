@@ -44,7 +44,8 @@ _SIZES = {
     "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "no_maxwell": 2,
     "slip_torque": 2, "slip_stiffness": 2, "spring_damping": 2, "contact_angle": 1, "contact_side": 1,
     "contact_stiffness": 1, "contact_damping": 1, "no_wall": 1, "coupling": 3, "pulse_torque": 1, "pulse_start": 1,
-    "pulse_stop": 1, "spring_scale": 2, "stiffness_rate": 2, "torque_limit": 2, "torque_gain": 3, "torque_bias": 3, "lag_left": 3,
+    "pulse_stop": 1, "spring_scale": 2, "stiffness_rate": 2, "torque_limit": 2, "torque_gain": 3, "torque_bias": 3,
+    "lag_left": 3,
     # of terms at the input of a transmission: error [rad] and its derivative
     "input_error": 2, "input_slope": 2,
     **{name: 3 * term.repeats for place in SIGNALS for term in terms_at(place) for name in term.slots},
