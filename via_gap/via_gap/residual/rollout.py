@@ -150,7 +150,7 @@ class Rollout:
             -1, 2
         )
         runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
-        size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * RUNS_PER_CALL))))  # the same number on every thread
+        size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * RUNS_PER_CALL))))  # alike on every thread
         memory = states = None
         if self._all_seen:
             memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
