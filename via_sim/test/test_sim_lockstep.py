@@ -1,5 +1,7 @@
 """Runs in lockstep against single runs: motion and final states."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -20,14 +22,15 @@ from via_core.devices import load_device
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
+from via_sim.joint.compiled import compiled
 from via_sim.joint.encoders import true_motion
 from via_sim.joint.kernel import advance_tick, begin, run
 from via_sim.joint.layout import N_COMMANDS, N_INPUTS, N_MODES, X
 from via_sim.joint.parameters import P
 from via_sim.joint.step import N_WEIGHTS
 from via_sim.joint.torques import find_modes, spring_coefficients
-from via_sim.lockstep.block import decay, sine
-from via_sim.lockstep.run import LANES, lead_many, run_many
+from via_sim.lockstep.pack import LANES, get, put, rows_of_packs
+from via_sim.lockstep.run import lead_many, run_many
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
 from via_sim.simulate import initial_state
@@ -172,11 +175,23 @@ def test_stiff_shipped_joint_in_lockstep():
     assert np.max(np.abs(simulate_rows(rows, states, sent)[-1] - alone(rows[0], own, sent))) < 1e-12
 
 
+@compiled
+def _functions_of_packs(z: Array) -> None:
+    """Sine, cosine and exponential of rows 0 and 1 of z (5, LANES) into rows 2 to 4."""
+    put(z, 2, math.sin(get(z, 0)))
+    put(z, 3, math.cos(get(z, 0)))
+    put(z, 4, math.exp(get(z, 1)))
+
+
 @settings(max_examples=200, deadline=None)
-@given(st.floats(-1e4, 1e4), st.floats(-30.0, 800.0))
-def test_sine_and_decay_match_the_library(x, y):
-    assert abs(sine(x) - np.sin(x)) < 1e-11
-    assert abs(decay(y) - np.exp(-y)) < 1e-12 * max(1.0, np.exp(-y))
+@given(st.lists(st.floats(-1e4, 1e4), min_size=LANES, max_size=LANES), st.floats(-700.0, 700.0))
+def test_functions_of_packs_match_the_library(x, y):
+    z = rows_of_packs(5)
+    z[0], z[1] = x, y * np.linspace(-1.0, 1.0, LANES)
+    _functions_of_packs(z)
+    assert np.max(np.abs(z[2] - np.sin(z[0]))) < 1e-11
+    assert np.max(np.abs(z[3] - np.cos(z[0]))) < 1e-11
+    assert np.max(np.abs(z[4] / np.exp(z[1]) - 1.0)) < 1e-14
 
 
 def led(row: Array, state: Array, sent: Array, measured: Array) -> None:

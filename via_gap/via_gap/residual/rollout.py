@@ -25,7 +25,7 @@ from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.encoders import true_motions
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
-from via_sim.lockstep.run import LANES, run_many
+from via_sim.lockstep.run import RUNS_PER_CALL, run_many
 
 from via_gap.residual.command_gaps import pulses
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
@@ -150,7 +150,7 @@ class Rollout:
             -1, 2
         )
         runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
-        size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # the same number on every thread
+        size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * RUNS_PER_CALL))))  # alike on every thread
         memory = states = None
         if self._all_seen:
             memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])

@@ -5,14 +5,18 @@ Taylor series sum_n z^n / (n+4)!, and the recursion is evaluated downwards: phi_
 Source: Hochbruck, Ostermann, Exponential integrators, Acta Numerica 19 (2010), section 2.
 """
 
-from math import exp, expm1
+from math import exp, expm1, factorial
 
-from numba import njit
+import numpy as np
+
+from via_sim.joint.compiled import bare
 
 _SWITCH = -2.0  # below it the upward recursion loses < 2 digits; above it the series reaches 1e-17
 
+_INVERSE_FACTORIALS = np.array([1.0 / factorial(n) for n in range(28)])
 
-@njit(cache=True, error_model="numpy")
+
+@bare
 def phi_functions(z: float) -> tuple[float, float, float, float, float]:
     """(phi_0, ..., phi_4) at z <= 0, relative error below 1e-14."""
     if z < _SWITCH:
@@ -22,9 +26,8 @@ def phi_functions(z: float) -> tuple[float, float, float, float, float]:
         p4 = (p3 - 1.0 / 6.0) / z
         return exp(z), p1, p2, p3, p4
     p4, most = 0.0, 11 if z > -0.02 else 15 if z > -0.25 else 27  # terms above rounding
-    for n in range(most, 4, -1):  # Horner: 1/4! (1 + z/5 (1 + z/6 (...)))
-        p4 = (p4 + 1.0) * z / n
-    p4 = (p4 + 1.0) / 24.0
+    for n in range(most, 3, -1):
+        p4 = p4 * z + _INVERSE_FACTORIALS[n]
     p3 = z * p4 + 1.0 / 6.0
     p2 = z * p3 + 0.5
     p1 = z * p2 + 1.0

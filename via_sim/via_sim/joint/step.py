@@ -37,11 +37,15 @@ PER_AXIS, _FOR = 20, 60  # columns per axis; first of the two columns that hold 
 N_WEIGHTS = _FOR + 2
 
 
+@inlined
+def is_for(weights: Array, h: float, damping: float) -> bool:
+    """Whether weights (N_WEIGHTS,) are those for step h [s] and a damping [N m s/rad]."""
+    return weights[_FOR] == h and weights[_FOR + 1] == damping
+
+
 @bare
 def weigh(p: Array, h: float, damping: float, weights: Array) -> None:
     """Krogstad's weights for step h [s] into weights (N_WEIGHTS,), see `W`."""
-    if weights[_FOR] == h and weights[_FOR + 1] == damping:
-        return
     weights[_FOR], weights[_FOR + 1] = h, damping
     for i in range(3):
         w = weights[PER_AXIS * i : PER_AXIS * (i + 1)]
@@ -94,7 +98,8 @@ def krogstad_step(
     p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: Array, weights: Array, y: Array, full: Any
 ) -> None:
     """One Krogstad step of h [s] in fixed modes from x into y (9,): motion at the end, velocities at the midpoint."""
-    weigh(p, h, u[DAMPING], weights)
+    if not is_for(weights, h, u[DAMPING]):
+        weigh(p, h, u[DAMPING], weights)
     w0, w1, w2 = weights[:PER_AXIS], weights[PER_AXIS : 2 * PER_AXIS], weights[2 * PER_AXIS : 3 * PER_AXIS]
     half0, speed0 = x[0] + w0[W.half + 1] * x[3], w0[W.half] * x[3]  # linear part at the midpoint
     half1, speed1 = _drift(p, x, u, 0.5 * h, 1, w1[W.half], w1[W.half + 1], full)

@@ -130,16 +130,20 @@ def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, f
         if flank == 0:
             return 0.0
         phi -= flank * 0.5 * gap
-    kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
     if p[P.spring_hardening + i] != 0.0:
-        factor *= _hardened(p[P.spring_hardening + i], phi, stop)
-    if abs(phi) > stop:  # continue along the tangent: spring laws overflow or end beyond their stop
+        factor *= _hardened(p[P.spring_hardening + i], phi, p[P.stop + i])
+    return factor * spring_law(p, c, i, phi, preset)
+
+
+@inlined
+def spring_law(p: Array, c: Array, i: int, phi: float, preset: float) -> float:
+    """Spring law i at phi [rad]; beyond the stop its tangent, because it may overflow or end there."""
+    kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
+    if abs(phi) > stop:
         edge = copysign(stop, phi)
         slope = max(spring_stiffness(kind, c, edge, preset), 0.0)
-        return factor * (spring_torque(kind, c, edge, preset) + slope * (phi - edge))
-    if kind == ODD_POLYNOMIAL:
-        return factor * odd_polynomial(c, phi)
-    return factor * spring_torque(kind, c, phi, preset)
+        return spring_torque(kind, c, edge, preset) + slope * (phi - edge)
+    return odd_polynomial(c, phi) if kind == ODD_POLYNOMIAL else spring_torque(kind, c, phi, preset)
 
 
 @inlined

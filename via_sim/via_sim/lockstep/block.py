@@ -1,4 +1,4 @@
-"""Memory of a block of runs: named rows of one number per lane, and loops over lanes without branches."""
+"""Memory of a block of runs: named rows of one number per lane."""
 
 from __future__ import annotations
 
@@ -6,46 +6,49 @@ from collections import namedtuple
 from typing import Any
 
 import numpy as np
-from via_core.signals import Array
 from via_core.spring_equations import N_COEFFICIENTS
 
-from via_sim.joint.compiled import bare
+from via_sim.catalogue.terms import SIGNALS
+from via_sim.joint.layout import N_COMMANDS
 from via_sim.joint.parameters import P
 from via_sim.joint.step import PER_AXIS
 from via_sim.joint.terms import terms_at
 
 # Name and number of rows. Three rows belong to link, motor 1, motor 2; two rows to the motors or transmissions.
 _SIZES = {
-    # motion: at the beginning of the step, at the stage, at the midpoint (velocities)
-    "start": 6, "at": 6, "midpoint": 3,
+    # at the beginning of the step: motion and torques of the elements with memory, in the order of the state; these
+    # rows at the beginning of the tick; motion at the stage; velocities at the midpoint
+    "start": 6, "bristle": 3, "maxwell": 2, "lagged": 3, "before": 14, "at": 6, "midpoint": 3,
     # torques at Krogstad's stages, and the weights of `kernel.weigh`
     "n": 3, "a": 3, "b": 3, "c": 3, "weight": 3 * PER_AXIS,
-    # inputs: all external torque, the part that is not from the drives, drive torque before and behind the lag
-    "torque": 3, "other_torque": 3, "commanded": 3, "lagged": 3, "damping": 1, "spring_factor": 2,
+    # age at the beginning of the run; inputs: command row behind the dead time, its external torque before it, all
+    # torque, the part that is not from the drives, drive torque before the lag
+    "age": 1, "command": N_COMMANDS, "external": 1, "torque": 3, "other_torque": 3, "commanded": 3, "damping": 1,
+    "spring_factor": 2,
     # modes: slip direction (0 without friction), 1 where an axis sticks, flank of the gap, slip direction of the
-    # Maxwell element, 1 where the wall is touched; the margin is positive while the lane has kept its modes
-    "sign": 3, "stuck": 3, "flank": 2, "slip": 2, "touch": 1, "margin": 1,
-    # torques of the elements with memory at the beginning of the step
-    "bristle": 3, "maxwell": 2,
+    # Maxwell element, 1 where the wall is touched; `joins` is 1 where the lane goes in lockstep, else -1; the margin is
+    # positive while such a lane has kept its modes
+    "sign": 3, "stuck": 3, "flank": 2, "slip": 2, "touch": 1, "joins": 1, "margin": 1,
     # intermediate values
-    "spring_torque": 2, "phi": 1, "inside": 1, "slope": 1, "load_torque": 1, "counter_torque": 1,
-    "sliding_friction": 1, "standstill_friction": 1,
-    # position drive: goal less encoder offset, gain and bias while it is on, torque without kd, kd while it is on
-    "goal": 1, "drive_stiffness": 1, "drive_limit": 1, "drive_gain": 1, "drive_bias": 1, "drive_torque": 1,
-    "drive_damping": 1,
-    # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap` and
-    # `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the beginning, the middle and
-    # the end of a step
+    "spring_torque": 2, "geared_torque": 2,
+    # position drive: goal less encoder offset, 1 while it is on, torque without kd, parameters
+    "goal": 1, "power": 1, "drive_torque": 1, "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1,
+    "drive_limit": 1, "drive_gain": 1, "drive_bias": 1,
+    # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,
+    # `no_maxwell` and `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the
+    # beginning, the middle and the end of a step
     "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
     "viscous_asymmetry": 3, "load_friction": 3, "counter_friction": 3, "load_stribeck": 3, "counter_stribeck": 3,
     "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3,
     "gravity_torque": 1, "gravity_angle": 1, "spring": 2 * N_COEFFICIENTS, "rise": 2, "fall": 2, "growth": 2,
-    "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "slip_torque": 2,
-    "slip_stiffness": 2, "spring_damping": 2, "contact_angle": 1, "contact_side": 1, "contact_stiffness": 1,
-    "contact_damping": 1, "no_wall": 1, "torque_gain": 3, "torque_bias": 3, "lag_left": 3,
+    "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "no_maxwell": 2,
+    "slip_torque": 2, "slip_stiffness": 2, "spring_damping": 2, "contact_angle": 1, "contact_side": 1,
+    "contact_stiffness": 1, "contact_damping": 1, "no_wall": 1, "coupling": 3, "pulse_torque": 1, "pulse_start": 1,
+    "pulse_stop": 1, "spring_scale": 2, "stiffness_rate": 2, "torque_limit": 2, "torque_gain": 3, "torque_bias": 3,
+    "lag_left": 3,
     # of terms at the input of a transmission: error [rad] and its derivative
-    "input_error": 2, "input_slope": 2, "geared_torque": 2,
-    **{name: 3 * term.repeats for place in ("axis", "input") for term in terms_at(place) for name in term.slots},
+    "input_error": 2, "input_slope": 2,
+    **{name: 3 * term.repeats for place in SIGNALS for term in terms_at(place) for name in term.slots},
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
@@ -55,82 +58,19 @@ COPIED = np.array(
     [(getattr(P, name) + i, getattr(Z, name) + i) for name in _SIZES if name in P._fields for i in range(_SIZES[name])]
 )
 
-# Terms that some lane of a block has; the others are skipped.
+# Arrangement of a block, and terms that some lane has; the others are skipped.
 #   axes          number of axes
+#   springs       number of transmissions
+#   kinds         spring laws of the transmissions
 #   coefficients  polynomial coefficients of the springs that are not zero
 #   gravity       whether any link has gravity
+#   coupled       whether the damper is at the transmission
 #   friction      bit per axis with dry friction
 #   falls         whether breakaway differs from kinetic friction
 #   gaps          number of transmissions whose backlash is checked
 #   rare          bits of the terms below, which most joints lack
-Terms = namedtuple("Terms", "axes coefficients gravity friction falls gaps rare")
+Terms = namedtuple("Terms", "axes springs kinds coefficients gravity coupled friction falls gaps rare")
 
 # First bit of each rare term: one bit per axis, transmission, or joint; of the catalogue's terms see `terms.py`.
-_Rare = namedtuple("_Rare", "bristle maxwell spring_damping wall lag loads position input terms")
-R: Any = _Rare(0, 3, 5, 6, 7, 8, 9, 10, 12)
-
-
-@bare
-def sine(x: float) -> float:
-    """sin(x) within 1e-11 for |x| <= 1e4, without a branch: Taylor series about the nearest multiple of pi."""
-    turns = np.floor(x * 0.3183098861837907 + 0.5)
-    r = (x - turns * 3.141592653589793) - turns * 1.2246467991473532e-16
-    s = r * r
-    t = 1.0 - s * (1.0 / 342.0)
-    t = 1.0 - s * (1.0 / 272.0) * t
-    t = 1.0 - s * (1.0 / 210.0) * t
-    t = 1.0 - s * (1.0 / 156.0) * t
-    t = 1.0 - s * (1.0 / 110.0) * t
-    t = 1.0 - s * (1.0 / 72.0) * t
-    t = 1.0 - s * (1.0 / 42.0) * t
-    t = 1.0 - s * (1.0 / 20.0) * t
-    t = 1.0 - s * (1.0 / 6.0) * t
-    odd = turns - 2.0 * np.floor(0.5 * turns)
-    return (1.0 - 2.0 * odd) * r * t
-
-
-@bare
-def cosine(x: float) -> float:
-    """cos(x), as `sine`."""
-    return sine(x + 1.5707963267948966)
-
-
-@bare
-def decay(x: float) -> float:
-    """exp(-x) for x > -30, without a branch: Taylor series of exp(-x/1024), squared ten times."""
-    y = -min(x, 700.0) * (1.0 / 1024.0)
-    t = 1.0 + y * (1.0 / 11.0)
-    t = 1.0 + y * (1.0 / 10.0) * t
-    t = 1.0 + y * (1.0 / 9.0) * t
-    t = 1.0 + y * (1.0 / 8.0) * t
-    t = 1.0 + y * (1.0 / 7.0) * t
-    t = 1.0 + y * (1.0 / 6.0) * t
-    t = 1.0 + y * (1.0 / 5.0) * t
-    t = 1.0 + y * (1.0 / 4.0) * t
-    t = 1.0 + y * (1.0 / 3.0) * t
-    t = 1.0 + y * (1.0 / 2.0) * t
-    t = 1.0 + y * t
-    t = t * t
-    t = t * t
-    t = t * t
-    t = t * t
-    t = t * t
-    t = t * t
-    t = t * t
-    t = t * t
-    t = t * t
-    return t * t
-
-
-@bare
-def copy(z: Array, source: int, target: int, count: int) -> None:
-    for row in range(count):
-        for lane in range(z.shape[1]):
-            z[target + row, lane] = z[source + row, lane]
-
-
-@bare
-def add(z: Array, source: int, target: int, count: int) -> None:
-    for row in range(count):
-        for lane in range(z.shape[1]):
-            z[target + row, lane] += z[source + row, lane]
+_Rare = namedtuple("_Rare", "bristle maxwell spring_damping wall lag loads position input hardening terms")
+R: Any = _Rare(0, 3, 5, 6, 7, 8, 9, 10, 12, 13)

@@ -6,18 +6,18 @@ from math import exp, floor, inf
 
 from via_core.dampers import damper_value
 from via_core.signals import Array
-from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, SINH
+from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.joint.compiled import bare
 from via_sim.joint.friction import feels_both_sides, has_friction
-from via_sim.joint.kernel import queued_at
-from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X
-from via_sim.joint.parameters import ABSENT, DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, X
+from via_sim.joint.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import drive_torque
-from via_sim.joint.terms import saturated
-from via_sim.joint.torques import deflection, spring_factor
+from via_sim.joint.step import PER_AXIS, is_for, weigh
+from via_sim.joint.torques import deflection
 from via_sim.lockstep.block import COPIED, R, Terms, Z
-from via_sim.lockstep.terms import term_bits
+from via_sim.lockstep.pack import get, put
+from via_sim.lockstep.terms import saturated, term_bits
 
 
 @bare
@@ -52,6 +52,8 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
         z[Z.torque_bias + axis, lane] = p[P.torque_bias + axis] if driven else 0.0
         share = 0.5 * axis * p[P.tick] / max(1.0, floor(p[P.substeps]))
         z[Z.lag_left + axis, lane] = exp(-share / p[P.lag]) if p[P.lag] > 0.0 else 0.0
+    z[Z.drive_gain, lane], z[Z.drive_bias, lane] = p[P.torque_gain], p[P.torque_bias]
+    z[Z.drive_damping, lane] = p[P.drive_damping] if p[P.link_drive] == POSITION_DRIVE else 0.0
     z[Z.drive_limit, lane] = min(p[P.drive_torque_limit], p[P.saturation])
     for i in range(2):
         z[Z.pretension_offset + i, lane] = p[P.pretension_offset + i] if p[P.serial] == 0.0 else 0.0
@@ -64,6 +66,7 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
         elif kind == EXPONENTIAL:
             z[Z.rise + i, lane], z[Z.fall + i, lane], z[Z.growth + i, lane] = p[start], p[start + 1], p[start + 2]
         slips = p[P.hysteresis_torque + i] > 0.0
+        z[Z.no_maxwell + i, lane] = 0.0 if slips else inf
         z[Z.slip_torque + i, lane] = p[P.hysteresis_torque + i] if slips else 0.0
         z[Z.slip_stiffness + i, lane] = p[P.hysteresis_stiffness + i] if slips else 0.0
     there = p[P.contact_stiffness] > 0.0
@@ -73,18 +76,15 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
 
 
 @bare
-def load_state(p: Array, x: Array, z: Array, lane: int) -> bool:
-    """Copy state x into its lane; whether an axis with friction is at standstill there."""
-    sticks = False
+def load_state(p: Array, x: Array, z: Array, lane: int) -> None:
+    """Copy state x into its lane."""
     for i in range(6):
         z[Z.start + i, lane] = x[i]
     for axis in range(3):
         sign = stuck = 0.0
         if has_friction(p, axis):
-            if x[3 + axis] == 0.0:
-                stuck, sticks = 1.0, True
-            else:
-                sign = 1.0 if x[3 + axis] > 0.0 else -1.0
+            stuck = x[3 + axis] == 0.0
+            sign = 0.0 if stuck else (1.0 if x[3 + axis] > 0.0 else -1.0)
         z[Z.sign + axis, lane], z[Z.stuck + axis, lane] = sign, stuck
         z[Z.bristle + axis, lane] = x[X.bristle + axis] if p[P.bristle_torque + axis] > 0.0 else 0.0
         z[Z.lagged + axis, lane] = x[X.lag + axis]
@@ -99,75 +99,79 @@ def load_state(p: Array, x: Array, z: Array, lane: int) -> bool:
     depth = p[P.contact_side] * (x[0] - p[P.contact_angle])
     touches = depth > 0.0 or (depth == 0.0 and p[P.contact_side] * x[3] > 0.0)
     z[Z.touch, lane] = 1.0 if touches and p[P.contact_stiffness] > 0.0 else 0.0
-    return sticks
 
 
 @bare
-def load_inputs(p: Array, x: Array, command: Array, slot: int, late: int, age: float, z: Array, lane: int) -> None:
-    """Put the command into the queue of state x at `slot`, and the inputs that act during this tick into the lane."""
-    queued = queued_at(x, slot, late)
-    for i in range(QUEUED):
-        x[X.queue + QUEUED * slot + i] = command[i]
-    neighbour = command[NEIGHBOUR]
-    link = (p[P.coupling] + p[P.coupling + 1] + p[P.coupling + 2]) * neighbour + command[ARM]
+def store_state(p: Array, z: Array, row: int, lane: int, x: Array) -> None:
+    """Copy motion and torques of the elements with memory from rows `row` (`Z.start` or `Z.before`) into state x."""
+    for i in range(6):
+        x[i] = z[row + i, lane]
+    for i in range(8 if p[P.lag] > 0.0 else 5):
+        x[X.bristle + i] = z[row + 6 + i, lane]
+
+
+@bare
+def take_commands(p: Array, z: Array, elapsed: float) -> None:
+    """Inputs that act `elapsed` [s] after the beginning of the run, as in `kernel.take_tick`; p: row of any lane."""
+    age, period, neighbour = get(z, Z.age) + elapsed, p[P.tick], get(z, Z.command + NEIGHBOUR)
+    link = (get(z, Z.coupling) + get(z, Z.coupling + 1) + get(z, Z.coupling + 2)) * neighbour
+    link += get(z, Z.command + ARM)
     if p[P.link_drive] != TORQUE_DRIVE:
-        link += command[EXTERNAL]
-    if p[P.pulse_torque] != 0.0:
-        overlap = min(age + p[P.tick], p[P.pulse_stop]) - max(age, p[P.pulse_start])
-        link += p[P.pulse_torque] * max(overlap, 0.0) / p[P.tick]
-    z[Z.other_torque, lane], z[Z.commanded, lane] = link, saturated(p, 0, x[queued + EXTERNAL])
-    if p[P.link_drive] == TORQUE_DRIVE:
-        link += p[P.torque_gain] * z[Z.commanded, lane] + p[P.torque_bias]
-    if p[P.link_drive] == POSITION_DRIVE:
-        power = 1.0 if x[queued + POWER] > 0.5 else 0.0
-        z[Z.goal, lane], z[Z.drive_damping, lane] = x[queued + GOAL] - p[P.encoder_offset], power * p[P.drive_damping]
-        z[Z.drive_gain, lane], z[Z.drive_bias, lane] = power * p[P.torque_gain], power * p[P.torque_bias]
-    z[Z.torque, lane] = link
+        link += get(z, Z.external)
+    overlap = min(age + period, get(z, Z.pulse_stop)) - max(age, get(z, Z.pulse_start))
+    put(z, Z.other_torque, link + get(z, Z.pulse_torque) * max(overlap, 0.0) / period)
+    put(z, Z.commanded, saturated(z, 0, get(z, Z.command + EXTERNAL)))
     for i in range(2):
-        limit = p[P.torque_limit + i]
-        asked = saturated(p, 1 + i, min(max(x[queued + i], -limit), limit))
-        z[Z.commanded + 1 + i, lane] = asked
-        if p[P.axis_kind + 1 + i] == DYNAMIC:
-            torque = p[P.torque_gain + 1 + i] * asked + p[P.torque_bias + 1 + i] - p[P.coupling + 1 + i] * neighbour
-            z[Z.torque + 1 + i, lane] = torque
-            z[Z.other_torque + 1 + i, lane] = -p[P.coupling + 1 + i] * neighbour
-            z[Z.spring_factor + i, lane] = spring_factor(p, i, age + 0.5 * p[P.tick])
-    damping = 0.0
+        limit = get(z, Z.torque_limit + i)
+        put(z, Z.other_torque + 1 + i, -get(z, Z.coupling + 1 + i) * neighbour)
+        put(z, Z.commanded + 1 + i, saturated(z, 1 + i, min(max(get(z, Z.command + i), -limit), limit)))
+        drifted = max(1.0 + get(z, Z.stiffness_rate + i) * (age + 0.5 * period), 0.0)
+        put(z, Z.spring_factor + i, get(z, Z.spring_scale + i) * drifted)
+    for axis in range(3):
+        torque = get(z, Z.torque_gain + axis) * get(z, Z.commanded + axis) + get(z, Z.torque_bias + axis)
+        put(z, Z.torque + axis, get(z, Z.other_torque + axis) + torque)
+    put(z, Z.power, get(z, Z.command + POWER) > 0.5)
+    put(z, Z.goal, get(z, Z.command + GOAL) - get(z, Z.encoder_offset))
+
+
+@bare
+def set_damping(p: Array, h: float, weights: Array, z: Array, lane: int) -> None:
+    """Damping of a lane that acts on its link, and the weights of steps of h [s] with it; weights (N_WEIGHTS,)."""
+    damping = z[Z.power, lane] * z[Z.drive_damping, lane]
     if p[P.damper_site] != NO_DAMPER:
-        damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[queued + DAMPING])
-    z[Z.damping, lane] = damping + z[Z.drive_damping, lane]
+        damping += damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], z[Z.command + DAMPING, lane])
+    z[Z.damping, lane] = damping
+    if not is_for(weights, h, damping):
+        weigh(p, h, damping, weights)
+        for k in range(3 * PER_AXIS):
+            z[Z.weight + k, lane] = weights[k]
 
 
 @bare
-def store_inputs(p: Array, x: Array, command: Array, slot: int, late: int, z: Array, lane: int) -> None:
+def store_inputs(p: Array, x: Array, command: Array, z: Array, lane: int) -> None:
     """Copy the inputs that acted last from the lane into state x, as `kernel.advance_tick` does."""
-    queued = queued_at(x, slot, late)
-    x[X.beside] = z[Z.other_torque, lane]
-    x[X.external], x[X.damping] = z[Z.torque, lane], z[Z.damping, lane] - z[Z.drive_damping, lane]
-    positioned = p[P.link_drive] == POSITION_DRIVE  # without speed limit and lag, see `is_supported`
-    if positioned:
-        x[X.external] += drive_torque(p, x[queued + GOAL], 1.0 if x[queued + POWER] > 0.5 else 0.0, x[0])
-        x[X.external] -= z[Z.drive_damping, lane] * x[3]
-    else:
-        x[X.lag] = saturated(p, 0, x[queued + EXTERNAL])
+    x[X.beside], x[X.external] = z[Z.other_torque, lane], z[Z.torque, lane]
+    drive_damping = z[Z.power, lane] * z[Z.drive_damping, lane]
+    x[X.damping] = z[Z.damping, lane] - drive_damping
+    if p[P.link_drive] == POSITION_DRIVE:  # without speed limit and lag, see `is_supported`
+        x[X.external] += drive_torque(p, z[Z.command + GOAL, lane], z[Z.power, lane], x[0]) - drive_damping * x[3]
+    elif p[P.lag] <= 0.0:
+        for axis in range(3):
+            x[X.lag + axis] = z[Z.commanded + axis, lane]
     for i in range(2):
-        limit = p[P.torque_limit + i]
-        x[X.reported_torque + i] = min(max(command[i], -limit), limit)
+        x[X.reported_torque + i] = min(max(command[i], -p[P.torque_limit + i]), p[P.torque_limit + i])
         x[X.motor_torque + i] = z[Z.torque + 1 + i, lane]
-        if not positioned:
-            x[X.lag + 1 + i] = saturated(p, 1 + i, min(max(x[queued + i], -limit), limit))
 
 
 @bare
-def terms_of(rows: Array, first: int, count: int) -> Terms:
-    """Terms of `count` parameter rows from `first` on.
+def terms_of(rows: Array) -> Terms:
+    """Terms of parameter rows (K, N_PARAMETERS).
 
     A function of its own: inside the caller numba would compile `step` for every type that the values have meanwhile.
     """
     axes = coefficients = friction = gaps = rare = 0
     gravity = falls = False
-    for lane in range(count):
-        p = rows[first + lane]
+    for p in rows:
         gravity |= p[P.gravity_torque] != 0.0
         rare |= _rare_bits(p)
         for axis in range(3):
@@ -181,7 +185,16 @@ def terms_of(rows: Array, first: int, count: int) -> Terms:
             for k in range(N_COEFFICIENTS):
                 if p[P.spring + i * N_COEFFICIENTS + k] != 0.0:
                     coefficients = max(coefficients, k + 1)
-    return Terms(axes, coefficients, gravity, friction, falls, gaps, rare)
+    kinds = int(rows[0, P.spring_kind]), int(rows[0, P.spring_kind + 1])
+    count, coupled = int(rows[0, P.transmissions]), rows[0, P.damper_site] == AT_TRANSMISSION
+    return Terms(axes, count, kinds, coefficients, gravity, coupled, friction, falls, gaps, rare)
+
+
+@bare
+def is_simple(terms: Terms) -> bool:
+    """Whether a block has springs with odd polynomials, gravity, a damper and dry friction at most."""
+    kinds = terms.kinds
+    return terms.rare == 0 and terms.gaps == 0 and kinds[0] == kinds[1] == ODD_POLYNOMIAL
 
 
 @bare
@@ -196,4 +209,5 @@ def _rare_bits(p: Array) -> int:
         bits |= int(p[P.hysteresis_torque + i] > 0.0) << (R.maxwell + i)
         bits |= int(p[P.spring_damping + i] != 0.0) << R.spring_damping
         bits |= int(p[P.input_errors + i] != 0.0) << (R.input + i)
+        bits |= int(p[P.spring_hardening + i] != 0.0) << R.hardening
     return bits

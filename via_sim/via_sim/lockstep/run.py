@@ -8,31 +8,38 @@ from typing import Any
 import numpy as np
 from via_core.signals import Array
 
-from via_sim.joint.compiled import bare, compiled, inlined
+from via_sim.joint.compiled import bare, compiled
 from via_sim.joint.encoders import true_motion
-from via_sim.joint.kernel import advance_tick, begin
-from via_sim.joint.layout import MODE, N_INPUTS, N_MODES, QUEUED, X
-from via_sim.joint.measurements import record, sense, stride
-from via_sim.joint.parameters import P
-from via_sim.joint.step import N_WEIGHTS, PER_AXIS, weigh
-from via_sim.lockstep.block import N_ROWS, Terms, Z
-from via_sim.lockstep.lanes import is_supported, load_inputs, load_parameters, load_state, store_inputs, terms_of
+from via_sim.joint.kernel import advance_tick, begin, queued_at
+from via_sim.joint.layout import EXTERNAL, FULL, HISTORY, MODE, N_COMMANDS, N_INPUTS, N_MODES, QUEUED, X
+from via_sim.joint.measurements import record, sense
+from via_sim.joint.parameters import NO_DAMPER, POSITION_DRIVE, P
+from via_sim.joint.step import N_WEIGHTS
+from via_sim.lockstep.block import N_ROWS, Z
+from via_sim.lockstep.lanes import (
+    is_simple,
+    is_supported,
+    load_parameters,
+    load_state,
+    set_damping,
+    store_inputs,
+    store_state,
+    take_commands,
+    terms_of,
+)
+from via_sim.lockstep.pack import LANES, any_above, choose, get, get_one, put, put_one, rows_of_packs
 from via_sim.lockstep.step import step
 
-LANES = 32
-_FEWEST = 4  # lanes in lockstep: fewer are as fast one by one
-_VECTOR = 8  # the number of lanes is a multiple of this: the widest vector registers
+RUNS_PER_CALL = 2 * LANES  # of callers that divide their runs: the cost of a call is small beside them
 
-# Arguments of `lead_many`.
+# Arguments of `lead_many`, for the runs of a block.
 _Runs = namedtuple("_Runs", "rows states commands begins measured led out")
 # Work memory of a block. z: see `block`; u, y, modes, weights: of the scalar kernel, the last two per lane. Per lane:
-#   joins   whether it goes in lockstep
 #   loaded  whether z holds its state
-#   plain   whether its encoders have no errors
-#   late    dead time in ticks
-#   sticks  whether an axis with friction is at standstill
+#   plain   whether its motion follows from `out`: its state then rests until it takes a tick on its own
 #   number  tick number at the beginning
-_Work = namedtuple("_Work", "z u y modes weights joins loaded plain late sticks number")
+#   known   ticks whose commands and motion are in queue and ring buffer of its state
+_Work = namedtuple("_Work", "z u y modes weights loaded plain number known")
 
 
 @compiled
@@ -57,104 +64,133 @@ def lead_many(
     measured  (N, 6) angles [rad] and velocities [rad/s] as the encoders measure them, from tick 0 of the states on
     axes      (m,) int64, the axes whose motion is prescribed
     """
-    runs = _Runs(rows, states, commands, begins, measured, axes, out)
-    u, y = np.zeros(N_INPUTS), np.zeros(9)
     modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
-    lanes = np.zeros((6, LANES), np.int64)
     for first in range(0, len(rows), LANES):
-        wide = (min(LANES, len(rows) - first) + _VECTOR - 1) // _VECTOR * _VECTOR
-        z = np.zeros((N_ROWS, wide))
-        work = _Work(z, u, y, modes, weights, lanes[0], lanes[1], lanes[2], lanes[3], lanes[4], lanes[5])
-        _run_block(runs, first, work)
+        lanes, block = np.zeros((4, LANES), np.int64), slice(first, first + LANES)
+        z, u, y = rows_of_packs(N_ROWS), np.zeros(N_INPUTS), np.zeros(9)
+        work = _Work(z, u, y, modes, weights, lanes[0], lanes[1], lanes[2], lanes[3])
+        _run_block(_Runs(rows[block], states[block], commands, begins[block], measured, axes, out[block]), work)
     if axes.size > 0:
         for k in range(len(rows)):
             _lead(rows[k], states[k], measured, axes)
 
 
 @bare
-def _run_block(runs: _Runs, first: int, work: _Work) -> None:
-    """All ticks of the runs from row `first` on, LANES at most."""
-    lead, period = runs.rows[first], runs.rows[first, P.tick]
-    count, ticks = min(LANES, len(runs.rows) - first), runs.out.shape[1] - 1
-    terms, together = terms_of(runs.rows, first, count), 0
+def _run_block(runs: _Runs, work: _Work) -> None:
+    """All ticks of at most LANES runs."""
+    lead, z, period = runs.rows[0], work.z, runs.rows[0, P.tick]
+    terms, count, together, late = terms_of(runs.rows), len(runs.rows), 0, 0
     for lane in range(count):
-        p, x = runs.rows[first + lane], runs.states[first + lane]
+        p, x = runs.rows[lane], runs.states[lane]
         begin(p, x, work.u, work.modes[lane], work.weights[lane])
-        sense(p, x, runs.out[first + lane, 0])
-        load_parameters(p, work.z, lane)
-        alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period
-        work.number[lane] = int(x[X.tick])
-        work.joins[lane], work.loaded[lane], work.plain[lane] = alike and is_supported(p), 0, _has_ideal_encoders(p)
-        work.late[lane] = int(p[P.delay] / period + 1e-9)
-        together += work.joins[lane]
-    steps = max(1, int(lead[P.substeps]))
-    for tick in range(ticks):
-        if runs.led.size > 0:
+        sense(p, x, runs.out[lane, 0])
+        load_parameters(p, z, lane)
+        work.number[lane], work.plain[lane] = int(x[X.tick]), runs.led.size == 0 and _has_plain_encoders(p)
+        z[Z.age, lane] = p[P.origin] + x[X.tick] * period
+        alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and is_supported(p)
+        z[Z.joins, lane] = alike
+        together, late = together + alike, late + work.modes[lane, MODE.late]
+    simple, steps = is_simple(terms), max(1, int(lead[P.substeps]))
+    damped = lead[P.damper_site] != NO_DAMPER or lead[P.link_drive] == POSITION_DRIVE
+    left_out = True
+    for tick in range(runs.out.shape[1] - 1):
+        if left_out or runs.led.size > 0:
+            _join(runs, work)
+        if together > 0:
             for lane in range(count):
-                _lead(runs.rows[first + lane], runs.states[first + lane], runs.measured, runs.led)
-                work.loaded[lane] = 0
-        ready = standstills = 0
-        if together >= _FEWEST:
-            for lane in range(count):
-                _load(runs, first, lane, tick, period / steps, work)
-                ready += work.loaded[lane]
-                standstills += work.loaded[lane] * work.sticks[lane]
-            if ready > 0:
-                for _ in range(steps):
-                    step(work.z, runs.rows, first, terms, standstills != 0)
+                command = runs.commands[runs.begins[lane] + tick]
+                for i in range(N_COMMANDS):
+                    put_one(z, Z.command + i, lane, command[i])
+            put(z, Z.external, get(z, Z.command + EXTERNAL))
+            if late > 0:
+                _delay(runs, tick, work)
+            take_commands(lead, z, tick * period)
+            if damped or tick == 0:
+                for lane in range(count):
+                    set_damping(runs.rows[lane], period / steps, work.weights[lane, 2], z, lane)
+            for row in range(Z.at - Z.before if terms.rare != 0 else 6):
+                put(z, Z.before + row, get(z, Z.start + row))
+            put(z, Z.margin, get(z, Z.joins))
+            sticks = any_above(get(z, Z.stuck) + get(z, Z.stuck + 1) + get(z, Z.stuck + 2), 0.0)
+            for _ in range(steps):
+                if simple:
+                    step(z, runs.rows, terms, sticks, None)
+                else:
+                    step(z, runs.rows, terms, sticks, FULL)
+        left_out = together < count or any_above(choose(get(z, Z.margin), 0.0, get(z, Z.joins)), 0.0)
         for lane in range(count):
-            _finish(runs, first, lane, tick, ready > 0, terms, work)
+            if work.plain[lane] != 0 and get_one(z, Z.margin, lane) > 0.0:
+                motion = runs.out[lane, tick + 1]
+                for i in range(3):
+                    motion[i] = get_one(z, Z.start + i, lane) + get_one(z, Z.encoder_offset + i, lane)
+                    motion[3 + i] = get_one(z, Z.start + 3 + i, lane)
+            else:
+                _finish(runs, lane, tick, work)
+    for lane in range(count):
+        if work.loaded[lane] != 0:
+            _store(runs, lane, runs.out.shape[1] - 1, Z.start, work)
+            last = runs.commands[runs.begins[lane] + runs.out.shape[1] - 2]
+            store_inputs(runs.rows[lane], runs.states[lane], last, z, lane)
 
 
-@inlined
-def _load(runs: _Runs, first: int, lane: int, tick: int, h: float, work: _Work) -> None:
-    """State, inputs and weights for steps of h [s] into a lane that goes in lockstep."""
-    p, x, z = runs.rows[first + lane], runs.states[first + lane], work.z
-    if work.loaded[lane] == 0 and work.joins[lane] != 0:
-        work.loaded[lane], work.sticks[lane] = 1, load_state(p, x, z, lane)
-    z[Z.margin, lane] = 2.0 * work.loaded[lane] - 1.0
-    if work.loaded[lane] == 0:
-        return
-    command, now = runs.commands[runs.begins[first + lane] + tick], work.number[lane] + tick
-    slot = now % ((x.size - X.queue) // QUEUED)
-    load_inputs(p, x, command, slot, work.late[lane], p[P.origin] + now * p[P.tick], z, lane)
-    own = work.weights[lane, 2]
-    if own[N_WEIGHTS - 2] != h or own[N_WEIGHTS - 1] != z[Z.damping, lane]:
-        weigh(p, h, z[Z.damping, lane], own)
-        for k in range(3 * PER_AXIS):
-            z[Z.weight + k, lane] = own[k]
+@bare
+def _join(runs: _Runs, work: _Work) -> None:
+    """State into the lanes that go in lockstep from this tick on."""
+    for lane in range(len(runs.rows)):
+        if runs.led.size > 0:
+            _lead(runs.rows[lane], runs.states[lane], runs.measured, runs.led)
+            work.loaded[lane] = 0
+        if work.loaded[lane] == 0 and work.z[Z.joins, lane] > 0.0:
+            work.loaded[lane] = 1
+            load_state(runs.rows[lane], runs.states[lane], work.z, lane)
 
 
-@inlined
-def _finish(runs: _Runs, first: int, lane: int, tick: int, stepped: bool, terms: Terms, work: _Work) -> None:
-    """End of a tick: the lane's state is stored where its step was valid, else the run takes the tick on its own."""
-    p, x, z = runs.rows[first + lane], runs.states[first + lane], work.z
-    command, now = runs.commands[runs.begins[first + lane] + tick], work.number[lane] + tick
-    if stepped and z[Z.margin, lane] > 0.0:
-        if now % stride(p[P.tick]) == 0:
-            record(x, work.modes[lane, MODE.every])
-        for i in range(6):
-            x[i] = z[Z.start + i, lane]
-        if terms.rare != 0:
-            for i in range(3):
-                x[X.bristle + i] = z[Z.bristle + i, lane]
-            for i in range(2):
-                x[X.hysteresis + i] = z[Z.maxwell + i, lane]
-        x[X.tick] += 1.0
-        if tick == runs.out.shape[1] - 2:
-            store_inputs(p, x, command, now % ((x.size - X.queue) // QUEUED), work.late[lane], z, lane)
-        if p[P.lag] > 0.0 and work.joins[lane] != 0:
-            for axis in range(3):
-                x[X.lag + axis] = z[Z.lagged + axis, lane]
+@bare
+def _delay(runs: _Runs, tick: int, work: _Work) -> None:
+    """Commands behind the dead time into the lanes."""
+    for lane in range(len(runs.rows)):
+        late, x = work.modes[lane, MODE.late], runs.states[lane]
+        queued = queued_at(x, (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED), late)
+        sent = runs.commands[max(runs.begins[lane] + tick - late, 0)]
+        for i in range(QUEUED):
+            work.z[Z.command + i, lane] = x[queued + i] if late > tick else sent[i]
+
+
+@bare
+def _finish(runs: _Runs, lane: int, tick: int, work: _Work) -> None:
+    """Measured motion at the end of a tick; where the step was not valid, the run takes the tick on its own."""
+    p, x = runs.rows[lane], runs.states[lane]
+    if work.loaded[lane] != 0 and work.z[Z.margin, lane] > 0.0:
+        _store(runs, lane, tick + 1, Z.start, work)
     else:
-        work.loaded[lane] = 0
+        if work.loaded[lane] != 0:
+            _store(runs, lane, tick, Z.before, work)
+        command = runs.commands[runs.begins[lane] + tick]
         advance_tick(p, x, command, work.u, work.modes[lane], work.weights[lane], work.y)
-    motion = runs.out[first + lane, tick + 1]
+        work.loaded[lane], work.known[lane] = 0, tick + 1
+    sense(p, x, runs.out[lane, tick + 1])
+
+
+@bare
+def _store(runs: _Runs, lane: int, tick: int, row: int, work: _Work) -> None:
+    """Bring the state of a lane, see `store_state`, to the beginning of a tick."""
+    x, number, begins = runs.states[lane], work.number[lane], runs.begins[lane]
+    length, every = (x.size - X.queue) // QUEUED, work.modes[lane, MODE.every]
+    if work.plain[lane] == 0 and work.known[lane] < tick:
+        record(x, every)
+    for past in range(max(work.known[lane], tick - length), tick):
+        here = X.queue + QUEUED * ((number + past) % length)
+        for i in range(QUEUED):
+            x[here + i] = runs.commands[begins + past, i]
     if work.plain[lane] != 0:
-        for i in range(6):
-            motion[i] = x[i]
-    else:
-        sense(p, x, motion)
+        for past in range(max(work.known[lane], tick - HISTORY * every), tick):
+            if (number + past) % every == 0:
+                here = X.history + 6 * ((number + past) // every % HISTORY)
+                for i in range(3):
+                    x[here + i] = runs.out[lane, past, i] - work.z[Z.encoder_offset + i, lane]
+                    x[here + 3 + i] = runs.out[lane, past, 3 + i]
+    store_state(runs.rows[lane], work.z, row, lane, x)
+    x[X.tick], work.known[lane] = number + tick, tick
 
 
 @bare
@@ -170,9 +206,9 @@ def _lead(p: Array, x: Array, measured: Array, axes: Any) -> None:
 
 
 @bare
-def _has_ideal_encoders(p: Array) -> bool:
-    """Whether encoders have neither skew nor offset nor periodic error."""
-    ideal = True
+def _has_plain_encoders(p: Array) -> bool:
+    """Whether encoders have neither skew nor periodic error."""
+    plain = True
     for axis in range(3):
-        ideal &= p[P.skew + axis] <= 0.0 and p[P.encoder_harmonics + axis] == 0.0 and p[P.encoder_offset + axis] == 0.0
-    return ideal
+        plain &= p[P.skew + axis] <= 0.0 and p[P.encoder_harmonics + axis] == 0.0
+    return plain

@@ -1,37 +1,28 @@
-"""Terms of the catalogue composed into loops over lanes, with vectorised sine and cosine; see `via_sim.joint.terms`."""
+"""Terms of the catalogue composed into functions of all lanes of a block; see `via_sim.joint.terms`."""
 
 from __future__ import annotations
 
-from types import FunctionType
 from typing import Any
 
 from via_sim.catalogue.terms import Term
 from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.parameters import P
 from via_sim.joint.terms import made, terms_at
-from via_sim.lockstep.block import R, Z, cosine, sine
+from via_sim.lockstep.block import R, Z
+from via_sim.lockstep.pack import add, get, put
 
-_AXIS, _INPUT = terms_at("axis"), terms_at("input")
-_SIGNALS = {"axis": {"angle": f"{Z.at} + axis", "speed": f"{Z.at + 3} + axis"}, "input": {"angle": f"{Z.at} + axis"}}
-
-
-def _in_lanes(term: Term) -> Any:
-    """The equation of a term, compiled with functions that vectorise."""
-    plain: Any = term.equation
-    twin = FunctionType(plain.__code__, {**plain.__globals__, "sin": sine, "cos": cosine}, plain.__name__)
-    twin.__qualname__ = f"{plain.__qualname__}_in_lanes"  # numba would take one for the other in its cache
-    twin.__module__ = plain.__module__
-    return inlined(twin)
+_AXIS, _COMMAND, _INPUT = terms_at("axis"), terms_at("command"), terms_at("input")
 
 
 def _call(term: Term, number: int, index: str) -> str:
-    signals = _SIGNALS[term.place]
-    rows = [signals.get(name) or f"{getattr(Z, name)} + {index}" for name in term.arguments]
-    return f"term_{number}({', '.join(f'z[{row}, lane]' for row in rows)})"
+    """Source of a call of term `number`, with its slots at `index`: 'axis', or of a harmonic 'k'."""
+    given = [f"get(z, {getattr(Z, name)} + {index})" if name in term.slots else name for name in term.arguments]
+    return f"term_{number}({', '.join(given)})"
 
 
 def _compiled(name: str, arguments: str, lines: list[str], terms: tuple[Term, ...]) -> Any:
-    names = {f"term_{number}": _in_lanes(term) for number, term in enumerate(terms)}
+    names = {f"term_{number}": inlined(term.equation) for number, term in enumerate(terms)}
+    names |= {"add": add, "get": get, "put": put}
     return bare(made(name, arguments, lines, __file__, names))
 
 
@@ -53,21 +44,26 @@ def _torques() -> Any:
     lines = []
     for number, term in enumerate(_AXIS):
         lines += [f"if rare >> {_bit(number)} & {2 ** (3 * term.repeats) - 1} != 0:", "    for axis in range(axes):",
+                  f"        angle, speed = get(z, {Z.at} + axis), get(z, {Z.at + 3} + axis)",
                   f"        for k in range(axis, {3 * term.repeats}, 3):",
                   f"            if rare >> ({_bit(number)} + k) & 1:",
-                  "                for lane in range(z.shape[1]):",
-                  f"                    z[out + axis, lane] += {_call(term, number, 'k')}"]  # fmt: skip
+                  f"                add(z, out + axis, {_call(term, number, 'k')})"]  # fmt: skip
     return _compiled("add_terms", "z, axes, out, rare", lines or ["pass"], _AXIS)
 
 
+def _passed() -> Any:
+    lines = [f"torque = {_call(term, number, 'axis')}" for number, term in enumerate(_COMMAND)]
+    return _compiled("saturated", "z, axis, torque", [*lines, "return torque"], _COMMAND)
+
+
 def _inputs() -> Any:
-    lines = ["for i in range(2):", "    axis = 1 + i", "    for lane in range(z.shape[1]):",
-             f"        z[{Z.input_error} + i, lane] = z[{Z.input_slope} + i, lane] = 0.0"]  # fmt: skip
+    lines = ["for i in range(2):", "    axis = 1 + i", f"    angle = get(z, {Z.at} + axis)"]
+    lines += [f"    put(z, {row} + i, 0.0)" for row in (Z.input_error, Z.input_slope)]
     for number, term in enumerate(_INPUT):
-        lines += [f"    for k in range(axis, {3 * term.repeats}, 3):", "        for lane in range(z.shape[1]):",
-                  f"            error, slope = {_call(term, number, 'k')}",
-                  f"            z[{Z.input_error} + i, lane] += error",
-                  f"            z[{Z.input_slope} + i, lane] += slope"]  # fmt: skip
+        lines += [f"    for k in range(axis, {3 * term.repeats}, 3):",
+                  f"        error, slope = {_call(term, number, 'k')}",
+                  f"        add(z, {Z.input_error} + i, error)",
+                  f"        add(z, {Z.input_slope} + i, slope)"]  # fmt: skip
     return _compiled("find_input_errors", "z", lines, _INPUT)
 
 
@@ -75,5 +71,7 @@ def _inputs() -> Any:
 term_bits = _bits()
 # add_terms(z, axes, out, rare): their torques added to rows from `out` on
 add_terms = _torques()
+# saturated(z, axis, torque): commanded torque [N m] that the drives pass on
+saturated = _passed()
 # find_input_errors(z): errors and slopes of the inputs of both transmissions at `Z.at`
 find_input_errors = _inputs()

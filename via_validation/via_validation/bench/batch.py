@@ -3,8 +3,9 @@
 The joint is that of `bench.simulator` (antagonistic, tau_e = 5 phi + 10 phi^3, torques with zero-order hold at 1 kHz).
 The sets differ in inertia, viscous friction, torque gain and, in some rows, dry friction of a motor. MuJoCo simulates
 the same sets without dry friction, one model each, in one call of its rollout: once with its fastest integrator and
-step at the accuracy reached here, and once with Euler's method at 1 ms, its cheapest. All use one thread. Times are
-processor times, minimum over the turns, in which the contenders alternate.
+step at the accuracy reached here, and once with Euler's method at 1 ms, its cheapest. A loop over lanes in plain C with
+the same steps, written for this joint alone, simulates them too. All use one thread. Times are processor times, minimum
+over the turns, in which the contenders alternate; beside C the median of ratios.
 """
 
 from __future__ import annotations
@@ -22,11 +23,14 @@ from rich.console import Console
 from rich.table import Table
 from via_core.signals import Array, Signals
 from via_sim.effects import Effect
+from via_sim.joint.layout import N_COMMANDS
 from via_sim.lockstep.run import run_many
 from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows, initial_state, simulate
 
-from via_validation.bench.simulator import DEVICE, RATE, B, Dq, Dth, M, torques
+from via_validation.bench import joint_reference
+from via_validation.bench.simulator import DEVICE, RATE, THREE, B, Dq, Dth, M, torques
+from via_validation.bench.timing import Contender
 
 SETS, LOOPED, ROLLED, TURNS = 1000, 20, 40, 5
 TICKS = (100, 1000, 3000)  # of a segment and of whole logs
@@ -129,6 +133,29 @@ def compared(ticks: int, dry: float) -> dict[str, object]:
     return row
 
 
+def speed_beside_c(console: Console, ticks: int) -> dict[str, float]:
+    """Speed of the batch relative to lanes in C with the same substeps; without a compiler nothing."""
+    library, plant, motor = joint_reference.build(), JointPlant.from_device(DEVICE), torques(ticks)
+    if library is None:
+        return {}
+    each, commands = sets(0.0), np.zeros((ticks, N_COMMANDS))
+    commands[:, :2] = motor
+    states = np.repeat(initial_state(plant, RATE, None, 0)[None], SETS, axis=0)
+    begins, out = np.zeros(SETS, dtype=np.int64), np.empty((SETS, ticks + 1, 6))
+
+    def lanes(further: tuple[Effect, ...]) -> Contender:
+        rows = np.stack([plant.with_effects((*effects, *further)).at_rate(RATE) for effects in each])
+        return Contender(SETS * ticks, lambda: run_many(rows, states.copy(), commands, begins, out))
+
+    rows = np.stack([plant.with_effects(effects).at_rate(RATE) for effects in each])
+    return joint_reference.beside_c(
+        console,
+        f"{SETS} lanes beside lanes in plain C without effects, same substeps, one thread",
+        Contender(SETS * ticks, joint_reference.reference_runs(library, rows, motor)),
+        {"without effects": lanes(()), "dry friction": lanes(THREE[:1]), "three effects": lanes(THREE)},
+    )
+
+
 def main() -> None:
     console, work = Console(), [partial(compared, ticks, dry) for dry in (0.0, 0.05) for ticks in TICKS]
     rows = [each() for each in work]
@@ -154,9 +181,10 @@ def main() -> None:
     console.print(
         f"MuJoCo at {TARGET:g} rad: " + ", ".join(sorted({str(row["peer"]) for row in rows if "peer" in row}))
     )
+    speeds = speed_beside_c(console, 1000)
     target = Path("out/bench/batch.json")
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps(rows, indent=1))
+    target.write_text(json.dumps({"rows": rows, "speed_over_c": speeds}, indent=1))
     console.print(f"written: {target}")
 
 

@@ -1,4 +1,4 @@
-"""The joint of `simulator` in plain C, compiled if a compiler is found."""
+"""The joint of `simulator` in plain C, compiled if a compiler is found: one joint, many lanes, and the table."""
 
 from __future__ import annotations
 
@@ -8,15 +8,22 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
+from ctypes import c_long
 from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 from via_core.signals import Array
 from via_sim.joint.parameters import P
 from via_sim.joint.step import N_WEIGHTS, PER_AXIS, weigh
 
+from via_validation.bench.timing import Contender, take_turns
+
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
+LANES = 16  # of the C code
+TURNS = 9
 DOUBLES = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
 
 
@@ -30,19 +37,52 @@ def build() -> ctypes.CDLL | None:
         with as_file(files("via_validation.bench") / "joint_reference.c") as source:
             subprocess.run([*words, *FLAGS, str(source), "-o", str(target)], check=True)
         library = ctypes.CDLL(str(target))
-    library.joint.argtypes = [DOUBLES, ctypes.c_long, ctypes.c_long, DOUBLES, DOUBLES, DOUBLES]
-    library.joint.restype = None
+    library.joint.argtypes = [DOUBLES, c_long, c_long, DOUBLES, DOUBLES, DOUBLES]
+    library.lanes.argtypes = [DOUBLES, c_long, c_long, DOUBLES, DOUBLES, DOUBLES, c_long, DOUBLES]
+    library.joint.restype = library.lanes.restype = None
     return library
 
 
 def reference_run(library: ctypes.CDLL, row: Array, motor: Array) -> Callable[[], Array]:
     """Simulation of the joint with parameter row (N_PARAMETERS,) under motor torques (N, 2): angles (N, 3) [rad]."""
-    substeps, weights = int(row[P.substeps]), np.full(N_WEIGHTS, np.nan)
-    weigh(row, row[P.tick] / substeps, 0.0, weights)
-    out = np.empty((len(motor), 3))
+    weights, out = np.ascontiguousarray(_weights(row)), np.empty((len(motor), 3))
 
     def run() -> Array:
-        library.joint(motor, len(motor), substeps, weights[: 3 * PER_AXIS].copy(), row[P.spring : P.spring + 2], out)
+        library.joint(motor, len(motor), int(row[P.substeps]), weights, row[P.spring : P.spring + 2], out)
         return out
 
     return run
+
+
+def reference_runs(library: ctypes.CDLL, rows: Array, motor: Array) -> Callable[[], Array]:
+    """`reference_run` of many rows (K, N_PARAMETERS), whose springs and substeps are those of the first: (N, 3, K)."""
+    each = rows[np.arange(-(-len(rows) // LANES) * LANES) % len(rows)]
+    weights, gains = np.stack([_weights(row) for row in each], axis=1), each[:, P.torque_gain + 1 : P.torque_gain + 3].T
+    weights, gains = np.ascontiguousarray(weights), np.ascontiguousarray(gains)
+    out, row = np.empty((len(motor), 3, len(each))), rows[0]
+
+    def run() -> Array:
+        springs = row[P.spring : P.spring + 2]
+        library.lanes(motor, len(motor), int(row[P.substeps]), weights, springs, gains, len(each), out)
+        return out[:, :, : len(rows)]
+
+    return run
+
+
+def _weights(row: Array) -> Array:
+    weights = np.full(N_WEIGHTS, np.nan)
+    weigh(row, row[P.tick] / int(row[P.substeps]), 0.0, weights)
+    return weights[: 3 * PER_AXIS]
+
+
+def beside_c(console: Console, title: str, reference: Contender, contenders: dict[str, Contender]) -> dict[str, float]:
+    """Print and return the speed of contenders relative to the reference: its processor time over theirs."""
+    times = take_turns({"C": reference, **contenders}, TURNS)
+    table = Table(title=title)
+    for heading in ("", "ns per tick", "speed / C"):
+        table.add_column(heading, justify="right" if heading else "left")
+    speeds = {name: times["C"].over(each) for name, each in times.items()}
+    for name, each in times.items():
+        table.add_row(name, f"{each.nanoseconds:.1f}", f"{speeds[name]:.2f}")
+    console.print(table)
+    return speeds

@@ -5,7 +5,7 @@ hold. The reference of all errors is this simulator with 64 times finer steps; t
 differ from it by 1e-12 rad. MuJoCo simulates the same joint: three hinges, two fixed tendons with polynomial stiffness,
 no contacts, no constraints; each of its integrators at steps of 1 ms and below. For each target accuracy the fastest
 setting of a contender that reaches it counts. In addition, the stiff cubic joint of the document is compared with a 20
-times finer integration and with DOP853.
+times finer integration and with DOP853, and the kernel with plain C: the same steps, written for this joint alone.
 
 Prints a table and writes out/bench/simulator.json. Times [s] are the minimum of several runs, one thread each.
 """
@@ -29,12 +29,16 @@ from rich.table import Table
 from scipy.integrate import solve_ivp
 from via_core.devices import load_device, parse_device
 from via_core.signals import Array, Signals
+from via_sim.effects import Effect
 from via_sim.joint.kernel import run
 from via_sim.joint.layout import N_COMMANDS
 from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
 from via_sim.simulate import initial_state, simulate
+
+from via_validation.bench import joint_reference
+from via_validation.bench.timing import Contender
 
 RATE = 1000.0  # [Hz]
 TICKS = 3000
@@ -55,6 +59,17 @@ springs:
 sensors: {{rate: {RATE}}}
 """,
     "bench",
+)
+
+THREE = (
+    Effect("coulomb_friction", "motor", {"torque": 0.05}, 1),
+    Effect("torque_ripple", "motor", {"amplitude": 0.05, "order": 7.0, "phase": 0.3}, 1),
+    Effect("quadratic_drag", "link", {"coefficient": 0.02}),
+)
+FIVE = (
+    *THREE,
+    Effect("stribeck_friction", "link", {"breakaway": 0.03, "kinetic": 0.02, "velocity": 0.3}),
+    Effect("actuator_delay", "command", {"delay": 0.003}),
 )
 
 
@@ -201,6 +216,23 @@ def stiff() -> dict[str, float]:
     return {"error_20x_finer": finer, "error_dop853_2s": worst, "seconds_per_10s": seconds}
 
 
+def speed_beside_c(console: Console, plant: JointPlant, motor: Array) -> dict[str, float]:
+    """Speed of the kernel relative to C with the same substeps; without a compiler nothing."""
+    library = joint_reference.build()
+    if library is None:
+        return {}
+    loaded = plant.with_effects(FIVE)
+    return joint_reference.beside_c(
+        console,
+        "One joint beside plain C without effects, same substeps, one thread",
+        Contender(len(motor), joint_reference.reference_run(library, plant.at_rate(RATE), motor)),
+        {
+            "without effects": Contender(len(motor), lambda: ours(plant, motor)),
+            "five effects, dry friction": Contender(len(motor), lambda: ours(loaded, motor)),
+        },
+    )
+
+
 def main() -> None:
     console, plant, motor = Console(), JointPlant.from_device(DEVICE), torques(TICKS)
     reference = ours(plant, motor, 64.0)
@@ -240,6 +272,7 @@ def main() -> None:
             summary[f"times_{name.lower()}_at_{target:g}"] = ratio
     summary["cubic_joint"] = cubic = stiff()
     console.print("cubic joint, 10 s: " + ", ".join(f"{key} {value:.2e}" for key, value in cubic.items()))
+    summary["speed_over_c"] = speed_beside_c(console, plant, motor)
     target_file = Path("out/bench/simulator.json")
     target_file.parent.mkdir(parents=True, exist_ok=True)
     target_file.write_text(json.dumps(summary, indent=1))

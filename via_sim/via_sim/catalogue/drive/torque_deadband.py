@@ -8,7 +8,7 @@ from via_sim.catalogue.terms import Term
 
 
 def _passed(torque_deadband: float, torque: float) -> float:
-    return 0.0 if abs(torque) < torque_deadband else torque
+    return torque * (abs(torque) >= torque_deadband)
 
 
 KIND = EffectKind(
