@@ -8,7 +8,7 @@ from gap_logs import log_of, rigid
 from gap_models import BACKLASH, COULOMB, evaluated
 from via_core.signals import Array
 from via_gap.diagnosis import diagnose
-from via_gap.selection import reliability, verdict
+from via_gap.selection import reliability
 from via_gap.selection.confidence_set import confidence_set
 from via_gap.selection.evidence import (
     block_means,
@@ -201,10 +201,19 @@ def test_intervals_are_as_wide_as_the_distances_of_known_parameters():
     assert wider(distances[:18], 1.5) == 1.5  # too few: unchanged
 
 
+def test_no_parameter_is_known_better_than_two_simulators_agree(monkeypatch):
+    exact = reliability.shipped().model_copy(update={"wider": 2.0})
+    monkeypatch.setattr(reliability, "shipped", lambda: exact)
+    covariance = np.array([[1e-6, 1e-7, 0.0], [1e-7, 4.0, 0.0], [0.0, 0.0, 0.0]])
+    wide = reliability.widened(np.array([10.0, -10.0, 7.0]), covariance)
+    assert np.diag(wide) == pytest.approx([4.0 * (1e-6 + 0.03**2), 4.0 * (4.0 + 0.03**2), 0.0])
+    assert wide[0, 1] == 4e-7
+
+
 def test_the_chosen_model_has_the_calibrated_width(monkeypatch):
     log = log_of(rigid(), (Effect("coulomb_friction", "link", {"torque": 0.2}),), seed=4, duration=8.0)
     narrow = diagnose([log], rigid()).causes[0].parameters["torque"]
     twice = reliability.shipped().model_copy(update={"wider": 2.0 * reliability.shipped().wider})
-    monkeypatch.setattr(verdict, "shipped", lambda: twice)
+    monkeypatch.setattr(reliability, "shipped", lambda: twice)
     wide = diagnose([log], rigid()).causes[0].parameters["torque"]
     assert wide.value == narrow.value and wide.sd == pytest.approx(2.0 * narrow.sd)

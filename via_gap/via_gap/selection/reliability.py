@@ -8,10 +8,13 @@ a verdict that was never wrong does not count as certain.
 Conformal sets: the score of a cause is 1 - share. With the scores of the true causes of n calibration cases of one
 signal set, the set { cause : score <= q }, q their ceil((n + 1) (1 - alpha))-th smallest, contains the true cause of a
 further such case with probability >= 1 - alpha, for any quality of the shares.
-Widths of intervals likewise: the distance of a true parameter from the fitted one, over half its interval, exceeds the
-ceil((n + 1) (1 - alpha))-th smallest of n such distances with probability alpha. Standard deviations of the chosen
-model are multiplied by it, so that they contain what no model states: the difference between two simulators, effects
-beside the named ones, late samples.
+Widths of intervals: no model is exact, and two right simulators of one joint differ by some tenths of a percent (steps
+in time, contacts at ticks). So a named parameter has the variance
+
+    wider^2 (sd^2 + (DISCREPANCY value)^2)
+
+with sd from the fit, and `wider` the smallest factor with which 95 % of the true parameters of the calibration cases
+lie inside their intervals.
 Source: V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World (2005), section 4.1 (split conformal).
 
 The numbers are those of `via gap blind calibrate` on development cases. They hold for similar cases only.
@@ -25,11 +28,14 @@ from functools import cache
 from importlib import resources
 from math import ceil
 
+import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict
+from via_core.signals import Array
 
 from via_gap.selection.numbers import NUMBERS
 
+DISCREPANCY = 0.003  # of a value: below it, the intervals of exact models of a second simulator fail
 WITH_CAUSES = ("effect", "several_effects", "main_effect", "unknown", "cannot_tell")
 
 
@@ -61,7 +67,7 @@ class Counts(BaseModel):
 class Reliability(BaseModel):
     """Counts of each verdict, and of each signal set the least share of a cause in its conformal set.
 
-    wider       factor of the standard deviations of named parameters
+    wider       factor of the standard deviations of named parameters, see above
     parameters  number of parameters that it was computed from
     """
 
@@ -89,7 +95,7 @@ def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str, wider: f
     least = {level: _least(values) for level, values in shares.items()}
     cases = {level: len(values) for level, values in shares.items()}
     distances = [distance for each in answered for distance in each.distances]
-    wider *= _quantile(distances) or 1.0
+    wider *= _holding(distances)
     return Reliability(
         origin=origin, seeds=seeds, verdicts=verdicts, least_share=least, cases=cases, wider=max(wider, 1.0),
         parameters=len(distances),
@@ -106,6 +112,19 @@ def _quantile(scores: Sequence[float]) -> float | None:
     """The ceil((n + 1) (1 - significance))-th smallest of n scores; None if there are too few."""
     rank = ceil((len(scores) + 1) * (1.0 - NUMBERS.significance))
     return None if rank > len(scores) else float(sorted(scores)[rank - 1])
+
+
+def _holding(distances: Sequence[float]) -> float:
+    """The factor by which intervals hold 95 % of parameters at these distances; 1 if there are too few."""
+    rank = ceil(len(distances) * (1.0 - NUMBERS.significance))
+    return 1.0 if len(distances) * NUMBERS.significance < 1.0 else sorted(distances)[rank - 1]
+
+
+def widened(values: Array, covariance: Array) -> Array:
+    """Covariance (p, p) of named parameters with values (p,), from that of their fit; parameters that are fixed stay so."""
+    free = np.diag(covariance) > 0.0
+    discrepancy = np.where(free, DISCREPANCY * values, 0.0)
+    return np.asarray(shipped().wider ** 2 * (covariance + np.diag(discrepancy**2)))
 
 
 @cache

@@ -39,7 +39,7 @@ from via_gap.selection.evidence import (
 )
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
-from via_gap.selection.reliability import shipped
+from via_gap.selection.reliability import widened
 
 SAME = 0.1  # of the margin: two models whose losses differ by less in a mean segment are one model under two names
 Verdict = Literal["effect", "several_effects", "main_effect", "unknown", "no_gap", "cannot_tell"]
@@ -83,7 +83,7 @@ class Decision:
         if not self.named:
             return self
         fit = converged(experiment.fitted, self.chosen.fit, scales)
-        fit = replace(fit, covariance=fit.covariance * shipped().wider ** 2)
+        fit = replace(fit, covariance=widened(np.array(fit.values), fit.covariance))
         if experiment.folds is not None:
             (chosen,) = experiment.folds.evaluate([fit], scales)
         else:
