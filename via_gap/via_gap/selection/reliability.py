@@ -121,7 +121,7 @@ def _holding(distances: Sequence[float]) -> float:
 
 
 def widened(values: Array, covariance: Array) -> Array:
-    """Covariance (p, p) of named parameters with values (p,), from that of their fit; parameters that are fixed stay so."""
+    """Covariance (p, p) of named parameters with values (p,), from that of their fit; fixed parameters stay so."""
     free = np.diag(covariance) > 0.0
     discrepancy = np.where(free, DISCREPANCY * values, 0.0)
     return np.asarray(shipped().wider ** 2 * (covariance + np.diag(discrepancy**2)))
