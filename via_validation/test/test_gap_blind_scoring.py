@@ -7,6 +7,7 @@ import re
 import shlex
 import sys
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 from via_core.errors import ViaError
 from via_validation.commands.gap_blind import app
 from via_validation.sealed.evaluation import Evaluation, Shrinkage, evaluate
+from via_validation.sealed.intervals import IntervalCheck
 from via_validation.sealed.measuring import shrinkage_of
 from via_validation.sealed.page import as_json, markdown, picture, reason, write_page
 from via_validation.sealed.plan import plan
@@ -228,6 +230,9 @@ def test_the_page_lists_every_miss_and_every_case(tmp_path: Path) -> None:
     ElementTree.fromstring((tmp_path / "gap-reliability.svg").read_text())
     assert picture(()).count("<circle") == 0
     assert json.loads(json.dumps(as_json(scored), allow_nan=False))["cases"][5]["right"] is False
+    lacking = replace(scored.evaluations[5], inside=(IntervalCheck("torque_ripple", "amplitude", inf),))
+    written = json.dumps(as_json(replace(scored, evaluations=(lacking,))), allow_nan=False)
+    assert json.loads(written)["cases"][0]["inside"][0]["distance"] is None
     assert "None." in markdown(Score((), (), ()), "")
 
 

@@ -4,22 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from via_validation.sealed.evaluation import Evaluation
+from via_validation.sealed.intervals import IntervalCheck
 from via_validation.sealed.scoring import BINS, OVERALL, Bin, Number, Score, parameter_coverage
 
 PAGE, PICTURE = "gap.md", "gap-reliability.svg"
 
 
 def as_json(score: Score) -> dict[str, Any]:
-    """The score as a JSON object; numbers are not rounded."""
+    """The score as a JSON object; numbers are not rounded, and the distance of a parameter that is missing is null."""
     return {
         "numbers": [{**asdict(number), "kept": number.kept} for number in score.numbers],
         "reliability": [asdict(each) for each in score.reliability],
-        "cases": [{**asdict(each), "right": each.right} for each in score.evaluations],
+        "cases": [
+            {**asdict(each), "right": each.right, "inside": [_checked(check) for check in each.inside]}
+            for each in score.evaluations
+        ],
     }
+
+
+def _checked(check: IntervalCheck) -> dict[str, Any]:
+    return {**asdict(check), "distance": check.distance if isfinite(check.distance) else None}
 
 
 def write_page(score: Score, folder: Path, origin: str) -> None:
