@@ -186,6 +186,8 @@ def test_an_existing_case_ends_the_command_without_further_cases(tmp_path: Path)
         make_cases([seed] * 8, cases, keys, DURATION, 1, lambda _: None)
     assert not active_children()
     assert len(names_in(cases)) < 8
+    for name in names_in(cases):
+        opened(name, cases, keys)  # what was finished can be used
 
 
 def test_an_existing_case_is_not_overwritten(made: tuple[Path, Path, list[Made]]) -> None:

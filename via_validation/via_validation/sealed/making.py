@@ -27,7 +27,8 @@ def make_cases(
 ) -> list[Made]:
     """Write the cases of `seeds`, numbered in order, into two folders; `progress` is called after each.
 
-    Raises SealError if one folder contains the other, or if a case exists already.
+    After an interruption the cases that are finished can be used. Raises SealError if one folder contains the other, or if
+    a case exists already.
     """
     first, second = cases.resolve(), keys.resolve()
     if first == second or first in second.parents or second in first.parents:
@@ -37,19 +38,16 @@ def make_cases(
     cases.mkdir(parents=True, exist_ok=True)
     keys.mkdir(parents=True, exist_ok=True)
     work = partial(_made, cases=cases, keys=keys, duration=duration)
-    done: list[Made] = []
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         jobs = [pool.submit(work, number, seed) for number, seed in enumerate(seeds)]
         try:
             for job in as_completed(jobs):
-                done.append(job.result())
-                progress(done[-1])
-        except BaseException:
-            # Leaving `with` calls shutdown again without cancel_futures: wait here until the cancellation is done.
+                progress(job.result())
+        finally:  # an interrupted command leaves cases that can be used
             pool.shutdown(wait=True, cancel_futures=True)
-            raise
-    done.sort(key=lambda each: each.name)
-    write_seals(cases, {each.name: each.digest for each in done})
+            whole = [job for job in jobs if not job.cancelled() and job.exception() is None]
+            done = sorted((job.result() for job in whole), key=lambda each: each.name)
+            write_seals(cases, {each.name: each.digest for each in done})
     return done
 
 
