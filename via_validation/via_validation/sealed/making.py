@@ -27,7 +27,7 @@ def make_cases(
 ) -> list[Made]:
     """Write the cases of `seeds`, numbered in order, into two folders; `progress` is called after each.
 
-    After an interruption the cases that are finished can be used. Raises SealError if one folder contains the other, or if
+    After an interruption, finished cases can be used. Raises SealError if one folder contains the other, or if
     a case exists already.
     """
     first, second = cases.resolve(), keys.resolve()
