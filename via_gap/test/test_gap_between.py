@@ -10,7 +10,6 @@ from via_gap.diagnosis import diagnose
 from via_gap.logs.between import acting, in_lines, lines_finding
 from via_gap.logs.log import JointLog
 from via_gap.report.withheld import before_and_after
-from via_gap.selection.reliability import shipped
 from via_sim.effects import Effect
 
 DELAY = Effect("actuator_delay", "command", {"delay": 0.0213})
@@ -58,7 +57,7 @@ def test_the_interval_of_a_delay_contains_that_of_commands_between_samples(devic
     cause = diagnose([thinned(whole, 5)], device).causes[0]
     assert cause.effect in ("actuator_delay", "channel_skew")  # with one encoder, both are one cause
     delay, period = cause.parameters["delay"], 5.0 / device.sensors.rate
-    assert abs(delay.value - 0.0213) < 1.96 * delay.sd < 0.6 * period * shipped().wider
+    assert abs(delay.value - 0.0213) < 1.96 * delay.sd < 0.6 * period
 
 
 def test_lines_act_late_and_pass_the_samples():

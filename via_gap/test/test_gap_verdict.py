@@ -17,8 +17,8 @@ from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.verdict import (
     SAME,
     Decision,
+    _agreeing,
     _common,
-    _models,
     _plainest,
     _ranking,
     _tied,
@@ -114,7 +114,7 @@ def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluati
         return "unknown", tuned
     if max(share) < 0.25:
         return "cannot_tell", tuned
-    if len(set(_models(tied))) > 3:
+    if len(set(_agreeing(tied))) > 3:
         common = _common(tied, models)
         if common is None or max(parts_by_hand(tuned, common, flexible)) < 0.8:
             return "cannot_tell", tuned
@@ -214,12 +214,12 @@ def test_models_with_the_same_losses_are_one_model_under_several_names():
         return evaluated(np.expm1(np.full(SEGMENTS, 1.0 + loss)), place)
 
     one = shifted(0.0, COULOMB)
-    assert _models([one]) == [0]
-    assert _models([one, shifted(0.9 * near, BACKLASH), shifted(-0.9 * near, INERTIA)]) == [0, 0, 0]
-    assert _models([one, shifted(1.1 * near, BACKLASH)]) == [0, 1]
-    assert _models([one, shifted(0.6 * near, BACKLASH), shifted(1.2 * near, INERTIA)]) == [0, 0, 2]
+    assert _agreeing([one]) == [0]
+    assert _agreeing([one, shifted(0.9 * near, BACKLASH), shifted(-0.9 * near, INERTIA)]) == [0, 0, 0]
+    assert _agreeing([one, shifted(1.1 * near, BACKLASH)]) == [0, 1]
+    assert _agreeing([one, shifted(0.6 * near, BACKLASH), shifted(1.2 * near, INERTIA)]) == [0, 0, 2]
     apart = 1.0 + 5.0 * near * (-1.0) ** np.arange(SEGMENTS)  # as good on average, and in no segment
-    assert _models([one, evaluated(np.expm1(apart), BACKLASH)]) == [0, 1]
+    assert _agreeing([one, evaluated(np.expm1(apart), BACKLASH)]) == [0, 1]
 
 
 def test_what_tied_models_have_in_common_is_a_model_that_was_compared():

@@ -57,7 +57,7 @@ def spin(executor: Any, finished: Future | None = None) -> None:
         future = Future() if finished is None else finished
         while not future.done():
             executor.spin_until_future_complete(future, timeout_sec=FOREVER)
-    finally:  # rclpy's nodes lie in cycles of references: frozen ones would never leave the graph
+    finally:  # rclpy's lifecycle nodes lie in cycles of references: frozen ones would never leave the graph
         gc.unfreeze()
 
 

@@ -249,20 +249,8 @@ class Axes:
 
         Standard deviations of delays also include what is not known of the commands between samples.
         """
-        covariance = in_units(covariance, sd, self.size) + np.diag(self._between_samples() ** 2)
+        covariance = in_units(covariance, sd, self.size) + np.diag(between_samples(self.problem, self.locations) ** 2)
         return Fit(self.effects(here.at), here.at[: self.count].copy(), here.loss, here.residual, covariance)
-
-    def _between_samples(self) -> Array:
-        """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
-
-        The motion shows the sum of the delay of commands, the lag of the drive, and the delay of a single encoder's
-        stamps. Whether a log contains every command is not known: one of many commands, held until the next, acts late
-        by up to half a period on average.
-        """
-        segments = self.problem.views[0].segments
-        late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
-        sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
-        return np.where([place.name in late for place in self.locations for _ in place.parameters], sd, 0.0)
 
     def nuisance_jacobian(self, here: Point) -> Array:
         """(R, J)."""
@@ -287,6 +275,19 @@ class Axes:
                     break
                 here = best
         return here
+
+
+def between_samples(problem: ResidualModel, locations: Sequence[Location]) -> Array:
+    """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
+
+    The motion shows the sum of the delay of commands, the lag of the drive, and the delay of a single encoder's stamps.
+    Whether a log contains every command is not known: one of many commands, held until the next, acts late by up to
+    half a period on average.
+    """
+    segments = problem.views[0].segments
+    late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
+    sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
+    return np.where([place.name in late for place in locations for _ in place.parameters], sd, 0.0)
 
 
 def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:

@@ -25,6 +25,7 @@ from typing import Literal
 import numpy as np
 
 from via_gap.candidates.converged import converged
+from via_gap.candidates.fit import between_samples
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.selection.confidence_set import confidence_set
@@ -83,7 +84,8 @@ class Decision:
         if not self.named:
             return self
         fit = converged(experiment.fitted, self.chosen.fit, scales)
-        fit = replace(fit, covariance=widened(np.array(fit.values), fit.covariance))
+        bounded = np.diag(between_samples(experiment.fitted, fit.locations) ** 2)  # by half a sample: it has its width
+        fit = replace(fit, covariance=widened(np.array(fit.values), fit.covariance - bounded) + bounded)
         if experiment.folds is not None:
             (chosen,) = experiment.folds.evaluate([fit], scales)
         else:
@@ -116,7 +118,7 @@ def decide(
     if verdict in UNNAMED:
         return unnamed(verdict, reason)
     equivalent = tuple(dict.fromkeys(place for each in (last, *tied) for place in each.fit.locations))
-    if (count := len(set(_models(tied)))) > NUMBERS.largest_set:
+    if (count := len(set(_agreeing(tied)))) > NUMBERS.largest_set:
         common = _common(tied, models)
         if common is None or _verdict(tuned, common, flexible)[0] in UNNAMED:
             reason = f"{count} causes explain these data equally well"
@@ -237,12 +239,11 @@ def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
     return [chosen, *others]
 
 
-def _models(named: Sequence[Evaluation]) -> list[int]:
+def _agreeing(models: Sequence[Evaluation]) -> list[int]:
     """Index of the first of the models that each agrees with: the same error under another name."""
     found: list[int] = []
-    for number, each in enumerate(named):
-        others = dict.fromkeys(found)
-        same = (k for k in others if _apart(each, named[k]) <= SAME * NUMBERS.margin)
+    for number, each in enumerate(models):
+        same = (k for k in dict.fromkeys(found) if _apart(each, models[k]) <= SAME * NUMBERS.margin)
         found.append(next(same, number))
     return found
 
@@ -254,7 +255,7 @@ def _apart(one: Evaluation, other: Evaluation) -> float:
 
 def _plainest(tied: Sequence[Evaluation]) -> Evaluation:
     """Of the models that are the first one under another name, the one with the fewest parameters."""
-    same = [each for each, number in zip(tied, _models(tied), strict=True) if number == 0]
+    same = [each for each, number in zip(tied, _agreeing(tied), strict=True) if number == 0]
     return min(same, key=lambda each: (freedom(each.fit), each.score, str(each.fit.locations)))
 
 
@@ -269,7 +270,7 @@ def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float],
 
     One model under several names has equal shares.
     """
-    first = [rivals[number] for number in _models(rivals)]
+    first = [rivals[number] for number in _agreeing(rivals)]
     stacked = block_means(np.stack([losses(each, first[0]) for each in first]), first[0].block)
     means = stacked[:, resamples(stacked.shape[1])].mean(axis=2)
     weight = np.exp(-(means - means.min(axis=0)) / NUMBERS.margin)
