@@ -85,8 +85,8 @@ def graph(domain: int) -> Iterator[Graph]:
         graph.remove(node)
     graph.executor.shutdown()
     context.try_shutdown()
-    # rclpy's lifecycle nodes lie in cycles of references. Until they are collected, they stay in the graph of later tests, where
-    # services and their clients are counted.
+    # rclpy's lifecycle nodes lie in cycles of references. Until they are collected, they stay in the graph of later
+    # tests, where services and their clients are counted.
     gc.collect()
 
 
