@@ -17,6 +17,7 @@ from via_core.devices import load_device
 from via_gap.nodes.monitor import MonitorNode
 from via_ros import qos
 from via_ros.conversions import JointStateWriter
+from via_ros.spin import STEADY
 
 LIVE = {
     "modal_limit_cycle": {"level": 0.03, "gain": 2.0, "damping_ratio": 0.5},
@@ -62,11 +63,13 @@ def test_the_simulator_names_its_device_its_topics_and_what_it_waits_for(printed
 def test_the_recorder_names_wanted_topics_that_nobody_publishes(graph, printed):
     node = graph.node("talker")
     node.create_publisher(String, "/spoken", 10)
+    node.create_timer(6.0, lambda: node.create_publisher(String, "/spoken_later", 10), clock=STEADY)
     printed(
         ["via", "bag", "record", "rec", "/joint_stats"],
         "records /joint_stats into rec as messages arrive; Ctrl-C ends the bag",
         "nobody publishes /joint_stats yet; published are: ",
         "/spoken",
+        "/spoken_later",
     )
 
 

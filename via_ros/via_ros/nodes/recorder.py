@@ -94,7 +94,7 @@ class Recorder(Node):
         self.create_timer(POLL, self._look, clock=STEADY)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(FLUSH, self._flush, clock=STEADY)
-        self._hint = self.create_timer(HINT, self._name_missing, clock=STEADY)
+        self._hint, self._hinted = self.create_timer(HINT, self._name_missing, clock=STEADY), ""
         what = ", ".join(self._wanted) or "all topics"
         self.get_logger().info(f"records {what} into {self.parameters.bag} as messages arrive; Ctrl-C ends the bag")
 
@@ -119,14 +119,16 @@ class Recorder(Node):
                 self.get_logger().warning(f"{name} is not recorded: {error}")
 
     def _name_missing(self) -> None:
-        """Log once the wanted topics that nobody publishes, beside those that there are."""
-        self._hint.cancel()
+        """Log the wanted topics that nobody publishes, beside those that there are; again when these change."""
         missing = sorted(name for name in self._wanted if not self.get_publishers_info_by_topic(name))
-        if missing:
-            there = [name for name, _ in self.get_topic_names_and_types() if self.get_publishers_info_by_topic(name)]
-            self.get_logger().warning(
-                f"nobody publishes {', '.join(missing)} yet; published are: {', '.join(sorted(there))}"
-            )
+        if not missing:
+            self._hint.cancel()
+            return
+        there = [name for name, _ in self.get_topic_names_and_types() if self.get_publishers_info_by_topic(name)]
+        hint = f"nobody publishes {', '.join(missing)} yet; published are: {', '.join(sorted(there))}"
+        if hint != self._hinted:  # on a busy machine other nodes are found later than this one looks
+            self.get_logger().warning(hint)
+            self._hinted = hint
 
     def _hear(self, name: str, type_name: str) -> None:
         message_class(type_name)  # raises for a type that is not installed
