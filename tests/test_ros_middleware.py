@@ -49,6 +49,27 @@ publisher = rclpy.create_node("plain").create_publisher(Float64, "/plain", 10)
 while not select.select([sys.stdin], [], [], 0.05)[0]:
     publisher.publish(Float64(data=1.0))
 """
+TALKER = """
+import rclpy, time
+from pathlib import Path
+from std_msgs.msg import Float64
+from via_ros import middleware, qos
+middleware.prepare()
+rclpy.init()
+publisher = rclpy.create_node("talker").create_publisher(Float64, "/talk", qos.SAMPLES)
+threads = [each for each in Path("/proc/self/task").iterdir() if each.joinpath("comm").read_text().startswith("dds.ev")]
+assert threads
+def waits():
+    status = "".join(each.joinpath("status").read_text() for each in threads)
+    return sum(int(line.split()[1]) for line in status.splitlines() if line.startswith("voluntary"))
+while not publisher.get_subscription_count():
+    time.sleep(0.01)
+before, begin = waits(), time.monotonic()
+for n in range(1000):
+    publisher.publish(Float64(data=float(n)))
+    time.sleep(0.001)
+print(waits() - before, time.monotonic() - begin, flush=True)
+"""
 READ = (middleware.RANGE, middleware.PROFILE, middleware.TRANSPORTS)
 
 
@@ -113,6 +134,16 @@ def test_a_node_finds_one_of_plain_ros_on_this_host(graph):
         finally:
             talker.stdin.close()
     assert set(heard) == {1.0}
+
+
+def test_a_message_does_not_wake_the_middlewares_thread_of_events(graph):
+    """The thread wakes once per message and more otherwise; on its own it does so some hundred times a second."""
+    listener = graph.node("listener")
+    listener.create_subscription(Float64, "/talk", lambda _: None, qos.SAMPLES)
+    with subprocess.Popen([sys.executable, "-c", TALKER], stdout=subprocess.PIPE, text=True) as talker:
+        graph.until(lambda: talker.poll() is not None)
+        woken, seconds = map(float, talker.stdout.read().split())
+    assert woken <= 500 + 300.0 * seconds
 
 
 def test_a_profile_of_the_user_has_priority(monkeypatch, tmp_path):

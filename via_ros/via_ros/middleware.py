@@ -1,4 +1,4 @@
-"""Environment of the middleware: discovery on this host only, UDP, unlimited readers, and frequent heartbeats.
+"""Environment of the middleware: discovery on this host only, UDP, unlimited readers, frequent heartbeats, few events.
 
 Discovery: ROS 2 looks for nodes in the whole subnet by default, so that another machine could command a robot. Here it
 is limited to this host: sockets listen on the loopback interface only, and no multicast is sent.
@@ -18,6 +18,11 @@ shared memory and UDP; see test_ros_middleware.
 Heartbeats: a reader asks for lost messages when the writer's next heartbeat comes, by default every 3 s. After a pause
 of its process, such as a second of swapping, the history of a writer at 1 kHz has been replaced by then. Every 100 ms
 here.
+
+Events: a writer ignores requests for a message that it has just sent (`nackSupressionDuration`). By default this ends
+at once, by an event in another thread after every message: a third of the processor time of a node that publishes
+32 000 messages a second, half of it in locks that the two threads share. After 20 ms here, for all messages of that time.
+A lost message is asked for at the next heartbeat, or at the one after it.
 """
 
 from __future__ import annotations
