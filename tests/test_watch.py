@@ -17,8 +17,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rich.console import Console
 from sensor_msgs.msg import JointState
-from via_bringup.cli.ros.watch import shown
 from via_bringup.cli.ros import web
+from via_bringup.cli.ros.watch import shown
 from via_bringup.cli.ros.watched import SPAN, Samples, Watched
 from via_bringup.cli.ros.web import Page, viewer
 from via_core.errors import ViaError

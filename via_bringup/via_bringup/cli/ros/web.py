@@ -1,9 +1,9 @@
 """`via watch --web`: estimates with their bands, samples, gaps, causes and warnings over time, in rerun's web viewer.
 
-rerun (https://rerun.io) is the optional extra `view`: `make view`. Its server holds the latest data and serves the viewer,
-on the loopback interface only. The viewer would report its use and look for news on the network; the page is therefore
-passed on with a policy by which the browser connects to these two servers only. Joints are looked at 25 times a second,
-whatever their rate; server and viewer forget the oldest data.
+rerun (https://rerun.io) is the optional extra `view`: `make view`. Its server holds the latest data and serves the
+viewer, on the loopback interface only. The viewer would report its use and look for news on the network; the page is
+therefore passed on with a policy by which the browser connects to these two servers only. Joints are looked at 25 times
+a second, whatever their rate; server and viewer forget the oldest data.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _check_free(port: int) -> None:
 
 @contextmanager
 def _passed_on(port: int, data: str) -> Iterator[int]:
-    """Serve at `port` what rerun will serve at the port returned, with a policy that allows the address `data` alone."""
+    """Serve at `port` what rerun will serve at the port returned; the page may connect to the address `data` alone."""
     _check_free(port)
     with socket.create_server((HOST, 0)) as unused:
         behind = int(unused.getsockname()[1])
