@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from export_joints import MOTIONS, angles_in_mujoco, angles_in_via_sim, device_of, difference
+from export_joints import MOTIONS, RATE, angles_in_mujoco, angles_in_via_sim, commands_of, device_of, difference, start_of
 from via_core.device_parts import Exponential, FourBar, Sinh
 from via_export import export
+from via_export.mujoco_joint import MujocoJoint
 from via_export.springs import preload, spring_terms
 from via_export.target import Target
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
+from via_sim.simulate import command_rows
 
 SECONDS = 1.0
 EXACT, SLOT = 1e-4, 2e-3  # of the standard deviation of the motion
@@ -118,6 +120,21 @@ def test_several_effects_act_together() -> None:
         e("hysteresis", "transmission", 1, torque=0.1, stiffness=3.0),
     ]
     assert difference(angles_in_via_sim(device, effects, SECONDS), angles_in_mujoco(device, effects, SECONDS)) < SLOT
+
+
+@pytest.mark.parametrize("name", [PENDULUM, CUBIC, MACCEPA])
+def test_the_constraint_solver_converges_in_a_few_iterations(name: str) -> None:
+    device = device_of(name)
+    made = export(device, [e("coulomb_friction", "link", torque=0.01)])
+    joint = MujocoJoint(made.text, made.target, rate=RATE)
+    commands = commands_of(device, 0.2)
+    rows = command_rows(device, commands, commands.time)
+    data = joint.start(start_of(device), rows[:1])
+    most = 0
+    for row in rows:
+        joint.run(data, row[None])
+        most = max(most, int(data.solver_niter.max()))
+    assert 0 < most < 10  # a tolerance of 0 takes 100
 
 
 @pytest.mark.parametrize("name", ["cubic_demo", "qbmove_b", "dlr_bavs", "vsa2", "visco_elastic_demo"])
