@@ -12,11 +12,12 @@ from via_export.springs import preload, spring_terms
 from via_export.target import Target
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
-from via_sim.simulate import command_rows
+from via_sim.plants import JointPlant
+from via_sim.simulate import InitialConditions, command_rows, simulate
 
 SECONDS = 1.0
 EXACT, SLOT = 1e-4, 2e-3  # of the standard deviation of the motion
-SUBSTITUTES = {"stribeck_friction": 0.02, "torque_saturation": 0.04}  # that are close
+SUBSTITUTES = {"torque_saturation": 0.04}  # that are close
 
 
 def e(name: str, site: str, motor: int = 0, **parameters: float) -> Effect:
@@ -120,6 +121,19 @@ def test_several_effects_act_together() -> None:
         e("hysteresis", "transmission", 1, torque=0.1, stiffness=3.0),
     ]
     assert difference(angles_in_via_sim(device, effects, SECONDS), angles_in_mujoco(device, effects, SECONDS)) < SLOT
+
+
+def test_friction_that_vanishes_at_speed_stays_stable() -> None:
+    device, effect = device_of(PENDULUM), e("stribeck_friction", "link", breakaway=0.1, kinetic=0.0, velocity=1.8)
+    start = np.zeros(6)
+    start[3] = 5.0  # [rad/s]
+    made = export(device, [effect])
+    commands = commands_of(device, 0.5)
+    plant = JointPlant.from_device(device).with_effects([effect])
+    truth = simulate(plant, commands, 0.5, RATE, initial=InitialConditions(start)).measured["q"]
+    joint = MujocoJoint(made.text, made.target, rate=RATE)
+    found = joint.run(joint.start(start, np.zeros((1, 6))), command_rows(device, commands, commands.time))[:, 0]
+    assert np.max(np.abs(found - truth)) < 1e-4
 
 
 @pytest.mark.parametrize("name", [PENDULUM, CUBIC, MACCEPA])

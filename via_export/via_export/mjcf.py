@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import cos, isfinite, pi, sin, sqrt
+from math import cos, isfinite, pi, sin
 
 from via_core.device_parts import Maccepa, TwoLever
 from via_core.spring_equations import N_COEFFICIENTS, spring_torque
@@ -29,8 +29,9 @@ from via_export.xml import Attributes, Element, Value, document, element
 STEP = 2.5e-4  # [s] largest time step
 FAR = 1e3  # [rad] of a tendon that pulls on one side
 STIFF = 1e7  # torque of a servo over that of its springs, per radian
-STUCK = 1e-4  # [rad] travel of LuGre's bristle until it slides, for Stribeck friction
-BRISTLE_DAMPING = 0.7  # damping ratio of that bristle while the joint sticks
+STUCK = 1e-6  # [rad] least travel of LuGre's bristle until it slides, for Stribeck friction
+RESOLVED = 0.5  # [rad] most of an oscillation on that bristle in a time step
+BRISTLE_DAMPING = 0.0
 SOFTEST = 1e-4  # smallest impedance of a constraint, with which it is a spring and a damper
 NOT_A_SERVO = 1e-9  # gain, without which the compiler takes a positive third bias for a damping ratio
 ROUND = 0.25  # time steps by which a delay is shortened, so that rounding does not select the next sample
@@ -63,7 +64,7 @@ def write(target: Target, comment: str = "") -> str:
     root = element(
         "mujoco",
         element("compiler", angle="radian", autolimits=True),
-        element("option", element("flag", contact="disable"), timestep=h, integrator="RK4",
+        element("option", element("flag", contact="disable"), timestep=h, integrator=integrator(target),
                 gravity=(0.0, 0.0, -GRAVITY), iterations=100, tolerance=1e-12),
         element("worldbody", frame),
         *sections(parts),
@@ -78,9 +79,22 @@ def sections(parts: Parts) -> list[Element]:
     return [element(name, *children) for name, children in named if children]
 
 
+def integrator(target: Target) -> str:
+    """Euler, with a quarter of the step, where there are bristles: MuJoCo updates them exactly once per step, but within
+    the stages of RK4 explicitly, which is unstable where they follow within a step."""
+    return "Euler" if has_bristles(target) else "RK4"
+
+
+def has_bristles(target: Target) -> bool:
+    """Whether an axis has friction by LuGre's equations."""
+    axes = range(1 + target.device.n_motors)
+    return any(target.dry(axis)[0] > target.dry(axis)[1] or target.bristle(axis)[0] > 0.0 for axis in axes)
+
+
 def step(target: Target) -> float:
     """[s] time step: a fraction of a millisecond that resolves the joint."""
-    return TICK / max(round(TICK / STEP), 2 * target.substeps)
+    steps = max(round(TICK / STEP), 2 * target.substeps)
+    return TICK / (4 * steps if has_bristles(target) else steps)
 
 
 def joint_parts(target: Target, link: str = "", kept: float = 0.0) -> Parts:
@@ -157,9 +171,8 @@ def _passive(target: Target, axis: int, names: tuple[str, ...], parts: Parts) ->
         add(f"ripple_{k}", gear=gear, cogging=(amplitude / gear, poles, phase - order * offset))
     breakaway, kinetic, speed = target.dry(axis)
     if breakaway > kinetic:
-        stiffness = breakaway / STUCK
-        damping = 2.0 * BRISTLE_DAMPING * sqrt(stiffness * target.of_axis(P.inertia, axis))
-        add("stribeck", lugre=(stiffness, damping, kinetic, breakaway, speed))
+        stiffest = target.of_axis(P.inertia, axis) * (RESOLVED / step(target)) ** 2
+        add("stribeck", lugre=(min(breakaway / STUCK, stiffest), 0.0, kinetic, breakaway, speed))
     torque, stiffness = target.bristle(axis)
     if torque > 0.0:
         add("presliding", lugre=(stiffness, 0.0, torque, torque, 1.0))
