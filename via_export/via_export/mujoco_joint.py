@@ -20,7 +20,7 @@ from via_core.signals import Array
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, M1, POWER, X
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
-from via_export.mjcf import ROUND
+from via_export.mjcf import ROUND, steps_late
 from via_export.target import Target
 
 LOCKED = 1e6  # [kg m^2] armature of the joints of a given model that are not driven
@@ -103,7 +103,7 @@ class MujocoJoint:
     def _set_delays(self) -> None:
         """Delays in whole time steps, which may differ from that of the file."""
         model, h = self.model, self.model.opt.timestep
-        late = round(float(self.target.row[P.delay]) / h)
+        late = steps_late(self.target, h)
         for actuator in np.flatnonzero(model.actuator_delay > 0.0):
             most = int(model.actuator_history[actuator, 0]) - 1
             model.actuator_delay[actuator] = (min(late, most) - ROUND) * h

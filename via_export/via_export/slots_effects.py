@@ -233,7 +233,7 @@ EFFECT_ROWS = (
     ),
     row(
         "torque_saturation", "of a servo: its speed", servo,
-        mjcf="~ forcerange of the servo beside its damping | the speed limit is approached with 1/(2 w), not abruptly",
+        mjcf="= forcerange of the servo, most of whose damping is compensated below the limit",
         urdf="= limit/velocity", sdf="= limit/velocity", isaaclab="= velocity_limit",
         bam="- speed is limited by the supply alone", ros2_control="= joint_limits max_velocity",
     ),

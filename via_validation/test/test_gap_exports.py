@@ -23,7 +23,9 @@ from via_validation.exports.page import page, summaries
 from via_validation.exports.reading import read_all
 from via_validation.exports.sources import Source
 
-LOST = Lost(item="joint_coupling", place="link", kind="none", text="joint_coupling at link: no slot; needs the neighbour")
+LOST = Lost(
+    item="joint_coupling", place="link", kind="none", text="joint_coupling at link: no slot; needs the neighbour"
+)
 
 
 def made(name: str = "case_000", **values: object) -> Exported:
@@ -59,7 +61,7 @@ def test_readers_complain_about_what_they_cannot_read_and_about_nothing_else(tmp
     for to, suffix in (("mjcf", ".xml"), ("urdf", ".urdf"), ("sdf", ".sdf")):
         text = export(device, (), to).text
         (tmp_path / f"sound{suffix}").write_text(text)
-        (tmp_path / f"broken{suffix}").write_text(text.replace("revolute", "hinged").replace("hinge\"", "wheel\""))
+        (tmp_path / f"broken{suffix}").write_text(text.replace("revolute", "hinged").replace('hinge"', 'wheel"'))
     found = read_all(tmp_path)
     assert {"MuJoCo (MJCF)", "MuJoCo (URDF)", "pinocchio (URDF)"} <= found.keys()
     for reader, files in found.items():

@@ -64,9 +64,7 @@ def write(
     return folder / PAGE
 
 
-def page(
-    cases: Sequence[Exported], readers: Mapping[str, Lines], seeds: tuple[int, int] | None, source: str
-) -> str:
+def page(cases: Sequence[Exported], readers: Mapping[str, Lines], seeds: tuple[int, int] | None, source: str) -> str:
     """The page as Markdown.
 
     readers  what readers of the files complained about, see `reading.read_all`

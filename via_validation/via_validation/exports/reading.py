@@ -31,7 +31,11 @@ def read_all(folder: Path) -> dict[str, Lines]:
     """
     with TemporaryDirectory() as there:  # MuJoCo writes a log file into the working folder
         done = subprocess.run(
-            [sys.executable, "-m", __name__, str(folder.resolve())], capture_output=True, text=True, cwd=there, check=False
+            [sys.executable, "-m", __name__, str(folder.resolve())],
+            capture_output=True,
+            text=True,
+            cwd=there,
+            check=False,
         )
         found = {} if done.returncode else dict(json.loads(done.stdout))
         if done.returncode:
