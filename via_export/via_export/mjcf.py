@@ -316,7 +316,7 @@ def steps_late(target: Target, h: float) -> int:
 
 
 def _late(target: Target) -> Attributes:
-    """Attributes of an actuator's delay, rounded to time steps; its buffer is long enough for steps of half the length."""
+    """Attributes of an actuator's delay, in time steps; its buffer is long enough for half of their length."""
     late = steps_late(target, step(target))
     return {"delay": (late - ROUND) * step(target), "nsample": float(2 * late + 2)} if late > 0 else {}
 

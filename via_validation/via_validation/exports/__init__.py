@@ -1,1 +1,1 @@
-"""Repairs of reports exported to other simulators: is the gap in MuJoCo that of the report, do other readers load them?"""
+"""Repairs of reports exported to other simulators: their gap in MuJoCo, and readers of their files."""

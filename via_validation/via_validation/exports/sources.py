@@ -63,9 +63,9 @@ def real_sources(results: Path, data: Path) -> list[Source]:
     found = []
     for case in CASES:
         result = stored(case, results)
-        if result is not None and result.report is not None and result.report.gap is not None:
-            if not missing(case, data):
-                found.append(Source(case.name, "real", result.report, _reader_of_robot(case, data, result.report)))
+        report = None if result is None else result.report
+        if report is not None and report.gap is not None and not missing(case, data):
+            found.append(Source(case.name, "real", report, _reader_of_robot(case, data, report)))
     return found
 
 
