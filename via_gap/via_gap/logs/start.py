@@ -88,5 +88,5 @@ def _fit(t: Array, x: Array, degree: int, noise: float) -> _Fit:
     explained = square <= noise**2 * (free + STANDARD_ERRORS * sqrt(2.0 * free))
     if degree == 0:
         return _Fit(float(found[0]), 0.0, 0.0, explained)
-    spread = np.linalg.inv(design.T @ design)
-    return _Fit(float(found[0]), float(found[1] / t[-1]), noise * sqrt(spread[1, 1]) / t[-1], explained)
+    inverse = np.linalg.inv(design.T @ design)
+    return _Fit(float(found[0]), float(found[1] / t[-1]), noise * sqrt(inverse[1, 1]) / t[-1], explained)
