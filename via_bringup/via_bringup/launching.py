@@ -18,6 +18,8 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from via_bringup.enclaves import enclave_arguments
+
 
 def string(name: str) -> ParameterValue:
     """Value of a launch argument as a string parameter, even if it looks like a number."""
@@ -41,6 +43,8 @@ def if_equal(name: str, value: str) -> IfCondition:
 
 def node(package: str, executable: str, *parameters: Any, **more: Any) -> Node:
     """A node that logs to the screen. `parameters` are files and dictionaries; later ones override earlier ones."""
+    if package.startswith("via_"):
+        more["ros_arguments"] = enclave_arguments(executable)
     return Node(package=package, executable=executable, parameters=list(parameters), output="screen", **more)
 
 

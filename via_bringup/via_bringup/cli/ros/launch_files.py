@@ -142,12 +142,14 @@ class Node:
     name: str = ""
     parameters: Iterable[Any] = ()
     arguments: Iterable[Any] = ()
+    ros_arguments: Iterable[Any] = ()
     condition: IfCondition | None = None
     output: str = "screen"
 
     def command(self, context: Context) -> list[str]:
         """Executable and arguments. Raises ViaError if the executable is not installed."""
         words = [*(text(each, context) for each in self.arguments), "--ros-args"]
+        words += [text(each, context) for each in self.ros_arguments]
         words += ["-r", f"__node:={self.name}"] if self.name else []
         for given in self.parameters:
             if not isinstance(given, dict):
