@@ -55,17 +55,17 @@ ament_package()
 
 
 class ControlledBench(JointBench):
-    """A simulated joint in lockstep, driven by `law(hardware)` -> efforts (2,) through the hardware interface.
+    """A simulated joint in lockstep, driven by `control(hardware, tick)` -> efforts (2,) through the hardware interface.
 
-    law returns None where the controller_manager sends nothing
+    control returns None where the controller_manager sends nothing
     """
 
-    def __init__(self, graph, law, duration, **parameters):
+    def __init__(self, graph, control, duration, **parameters):
         super().__init__(graph, NAME, NODES["commanded_torque"], parameters, duration=duration, listeners=3)
         self.hardware = TopicHardware(graph.node("controller_manager"), topics.robot(DEVICE))
 
         def update(_):
-            efforts = law(self.hardware, len(self.samples)) if self.hardware.states else None
+            efforts = control(self.hardware, len(self.samples)) if self.hardware.states else None
             if efforts is not None:
                 self.hardware.write(np.asarray(efforts, dtype=float))
 
@@ -78,13 +78,13 @@ def test_a_controller_moves_the_motors_to_their_references(graph):
     gain, damping = 20.0, 0.6  # [N m/rad], [N m s/rad]
     before = {}
 
-    def law(hardware, tick):
+    def control(hardware, tick):
         theta = np.array([hardware.states[each][0] for each in DEVICE.motor_joints])
         rate = (theta - before.get("theta", theta)) / 1e-3
         before["theta"] = theta
         return gain * (goal - theta) - damping * rate
 
-    bench = ControlledBench(graph, law, 2.0, timeout=0.1)
+    bench = ControlledBench(graph, control, 2.0, timeout=0.1)
     reached = np.array([bench.hardware.states[each][0] for each in DEVICE.motor_joints])
     assert set(bench.hardware.states) == {DEVICE.link_joint, *DEVICE.motor_joints}
     assert bench.hardware.commanded == list(DEVICE.motor_joints)
@@ -228,7 +228,7 @@ def echoed(graph, environment, field):
     return yaml.safe_load(echo.stdout.read().split("---")[0])
 
 
-def test_the_launch_file_closes_the_loop(graph, tmp_path, control_msgs):
+def test_the_launch_file_connects_all_nodes(graph, tmp_path, control_msgs):
     """All messages of the stock controller_manager over DDS, from the description to /dynamic_joint_states."""
     environment, log, commands = with_ros2_control(tmp_path, control_msgs), tmp_path / "log.txt", []
     with log.open("wb") as output:
