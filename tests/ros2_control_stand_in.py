@@ -1,8 +1,8 @@
 """What a stock controller_manager sends and receives, for machines without it: messages only, no controllers.
 
 TopicHardware behaves as `joint_state_topic_hardware_interface`: it takes topics and joints from the URDF, names all
-joints in a command, and lists efforts only of those with an effort command. The functions at the end are the executables
-of stand-in packages: robot_state_publisher, ros2_control_node and spawner.
+joints in a command, and lists efforts only of those with an effort command. The functions at the end are executables of
+stand-in packages: robot_state_publisher, ros2_control_node and spawner.
 """
 
 from __future__ import annotations

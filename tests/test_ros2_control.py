@@ -55,9 +55,9 @@ ament_package()
 
 
 class ControlledBench(JointBench):
-    """A simulated joint in lockstep, driven by `control(hardware, tick)` -> efforts (2,) through the hardware interface.
+    """A simulated joint in lockstep, driven through the hardware interface.
 
-    control returns None where the controller_manager sends nothing
+    control  returns efforts (2,) [N m] for the hardware and the number of samples so far; None where the controller_manager sends nothing
     """
 
     def __init__(self, graph, control, duration, **parameters):
