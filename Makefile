@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup workspace demo test test-all check docs bench blind results soak mutants clean
+.PHONY: help setup workspace view demo test test-all check docs bench blind results soak mutants clean
 
 ENV := source ros2_ws/env.sh;
 WORKERS ?= 2
@@ -20,6 +20,9 @@ setup: workspace ## make .venv and the colcon workspace, compile kernels (PYTHON
 
 workspace:
 	@PYTHON="$(PYTHON)" ros2_ws/setup.sh
+
+view: workspace ## install rerun into .venv for `via watch --web` (half a gigabyte)
+	@$(ENV) python -m pip install --quiet --disable-pip-version-check --no-input -r ros2_ws/requirements-view.txt
 
 demo: setup ## estimate and diagnose recordings of a real robot, run a simulated joint; write out/demo/index.html
 	@$(ENV) via demo

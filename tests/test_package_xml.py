@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -47,6 +48,7 @@ PYPI = {
     "padasip": "padasip",
     "regex": "regex",
     "pyarrow": "pyarrow",
+    "rerun": "rerun-sdk",
     "threadpoolctl": "threadpoolctl",
     "zstandard": "zstandard",
 }
@@ -81,14 +83,14 @@ def declared_keys(package: Path, *tags: str) -> set[str]:
 
 
 def declared_distributions(package: Path) -> tuple[set[str], set[str]]:
-    """install_requires and extras_require['test'] of setup.py."""
+    """What setup.py requires to run, also for its other extras, and extras_require['test'], without versions."""
     tree = ast.parse((package / "setup.py").read_text(encoding="utf-8"))
     call = next(node for node in ast.walk(tree) if isinstance(node, ast.Call) and ast.unparse(node.func) == "setup")
     values = {each.arg: each.value for each in call.keywords}
-    return (
-        set(ast.literal_eval(values["install_requires"])) - {"setuptools"},
-        set(ast.literal_eval(values["extras_require"])["test"]) - {"pytest"},
-    )
+    extras = ast.literal_eval(values["extras_require"])
+    test = set(extras.pop("test")) - {"pytest"}
+    run = {*ast.literal_eval(values["install_requires"]), *chain.from_iterable(extras.values())} - {"setuptools"}
+    return {each.partition("==")[0] for each in run}, test
 
 
 def keys(modules: set[str]) -> set[str]:

@@ -57,7 +57,7 @@ ament_package()
 class ControlledBench(JointBench):
     """A simulated joint in lockstep, driven through the hardware interface.
 
-    control  returns efforts (2,) [N m] for the hardware and the number of samples so far; None where the controller_manager sends nothing
+    control  returns efforts (2,) [N m] for the hardware and the number of samples so far; None: nothing is sent
     """
 
     def __init__(self, graph, control, duration, **parameters):

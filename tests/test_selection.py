@@ -111,4 +111,4 @@ def test_continuous_integration_runs_the_checks_and_every_test(root: Path, tmp_p
     calls = tmp_path / "calls"
     path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
     subprocess.run([root / ".ci" / "run"], env=os.environ | {"PATH": path, "CALLS": str(calls)}, check=True)
-    assert calls.read_text().splitlines() == ["--jobs=2 check setup", "test-all"]
+    assert calls.read_text().splitlines() == ["--jobs=2 check setup", "view", "test-all"]

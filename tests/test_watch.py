@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import re
+import socket
 import subprocess
+import sys
 import time
+from importlib.util import find_spec
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import numpy as np
+import psutil
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rich.console import Console
 from sensor_msgs.msg import JointState
+from via_bringup.cli.ros import web
 from via_bringup.cli.ros.watch import shown
 from via_bringup.cli.ros.watched import SPAN, Samples, Watched
+from via_bringup.cli.ros.web import Page, viewer
+from via_core.errors import ViaError
 from via_core.wire import SECOND
 from via_interfaces.msg import DampingEstimate, Effect, EffectHypothesis, GapStatus, StiffnessEstimate
 from via_ros import qos
@@ -73,11 +83,8 @@ def robot(graph):
     return node
 
 
-def rows(text: str) -> dict[str, str]:
-    return {line.split()[0]: line for line in text.splitlines() if line.strip()}
-
-
-def test_the_table_shows_rates_estimates_gap_causes_and_warnings(graph, robot):
+def seen(graph, robot) -> Watched:
+    """What is known of the robot as soon as everything has been heard."""
     watched = Watched(graph.node("watcher"))
     graph.executor.remove_node(watched.node)  # it takes messages without an executor
 
@@ -88,6 +95,15 @@ def test_the_table_shows_rates_estimates_gap_causes_and_warnings(graph, robot):
         )
 
     graph.until(complete)
+    return watched
+
+
+def rows(text: str) -> dict[str, str]:
+    return {line.split()[0]: line for line in text.splitlines() if line.strip()}
+
+
+def test_the_table_shows_rates_estimates_gap_causes_and_warnings(graph, robot):
+    watched = seen(graph, robot)
     console = Console(width=200, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     console.print(shown(watched))
     text = console.export_text()
@@ -107,6 +123,78 @@ def test_the_command_prints_one_table(graph, robot):
     graph.until(lambda: process.poll() is not None, 90.0)
     assert process.stdout is not None
     assert "modulated_torque" in process.stdout.read() and process.returncode == 0
+
+
+def test_the_page_gets_estimates_with_bands_samples_gaps_causes_and_warnings(graph, robot, tmp_path):
+    rerun = pytest.importorskip("rerun", reason="needs make view")
+    watched, stream = seen(graph, robot), rerun.RecordingStream("test")
+    stream.save(tmp_path / "page.rrd")
+    page = Page(stream)
+    for _ in range(3):
+        page.show(watched, ["elbow"])
+    stream.disconnect()
+    printed = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "print", "-vvv", tmp_path / "page.rrd"], capture_output=True, text=True
+    ).stdout
+    sent: dict[str, str] = {}  # data by path
+    for chunk in printed.split("\nChunk(")[1:]:
+        head, _, data = chunk.partition("\n")
+        if "SeriesLines" not in data:
+            sent[head.split(" - ")[1]] = sent.get(head.split(" - ")[1], "") + data
+
+    def numbers(path: str) -> list[float]:
+        return [
+            float(each) for each in re.findall(r"[-+.\w]+", re.findall(r"\[([^][]*)\] *│ │$", sent[path], re.M)[-1])
+        ]
+
+    assert numbers("/elbow/stiffness/modulated_torque") == pytest.approx([6.054, 6.25, 6.446], abs=1e-3)
+    assert numbers("/elbow/damping/modulated_torque") == pytest.approx([0.2804, 0.3, 0.3196], abs=1e-3)
+    assert np.isnan(numbers("/elbow/stiffness/residual")).all()  # it is warming up
+    assert numbers("/elbow/gap") == [2.5]
+    texts = sent["/elbow"] + sent["/warnings"]
+    for text in (
+        "stiffness/modulated_torque: OK", "stiffness/residual: WARMING_UP", "gap: effect, backlash 90 %, x 3 %",
+        "simulator: realtime: 2 drivers: /a, /b",
+    ):  # fmt: skip
+        assert texts.count(text) == 1  # however often it was shown
+    assert not [path for path in sent if "wrist" in path or "truth" in path]
+
+
+def test_the_server_of_the_page_is_reached_from_this_host_only_and_the_page_connects_to_nothing_else(domain):
+    pytest.importorskip("rerun", reason="needs make view")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with viewer(port) as (address, _):
+        content = b""
+        while b"wasm" not in content:  # until the server behind has started
+            try:
+                with urlopen(address) as answer:
+                    content, policy = answer.read(), answer.headers["Content-Security-Policy"]
+            except HTTPError:
+                time.sleep(0.1)
+        own = psutil.Process()
+        processes = [own, *own.children(recursive=True)]
+        listening = {
+            each.laddr for one in processes for each in one.net_connections("tcp") if each.status == psutil.CONN_LISTEN
+        }
+        assert {port, port + 1} <= {each.port for each in listening} and {each.ip for each in listening} == {
+            "127.0.0.1"
+        }
+    directives = dict(each.strip().split(" ", 1) for each in policy.split(";"))
+    assert directives["connect-src"] == f"'self' http://127.0.0.1:{port + 1}"
+    assert not {each for each in directives["default-src"].split() if "http" in each or "*" in each}
+    assert not [each for each in processes[1:] if each.is_running() and each.status() != psutil.STATUS_ZOMBIE]
+
+
+def test_a_port_in_use_and_a_missing_viewer_are_told_in_one_line(monkeypatch):
+    with socket.create_server(("127.0.0.1", 0)) as used:
+        port = used.getsockname()[1]
+        if find_spec("rerun") is not None:
+            with pytest.raises(ViaError, match=f"port {port} is in use; choose another one with --port"), viewer(port):
+                pass
+        monkeypatch.setattr(web, "find_spec", lambda _: None)
+        with pytest.raises(ViaError, match="make view"), viewer(port):
+            pass
 
 
 def test_rate_and_gaps_are_those_that_were_planted():

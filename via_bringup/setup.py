@@ -22,7 +22,7 @@ setup(
         (f"share/{package}/config", sorted(glob("config/*.yaml"))),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest"]},
+    extras_require={"test": ["pytest"], "view": ["rerun-sdk"]},
     zip_safe=False,
     entry_points={"console_scripts": ["via = via_bringup.cli:main"]},
 )

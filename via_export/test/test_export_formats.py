@@ -77,6 +77,22 @@ def test_sdf_has_a_link_for_the_motor_and_a_spring() -> None:
     assert number(made, f"model/link[@name='{device.name}_motor']/inertial/inertia/izz") == device.motors[0].inertia
 
 
+@pytest.mark.parametrize("name", device_names())
+def test_sdf_springs_are_stable_and_its_version_is_one_that_older_gazebos_read(name: str) -> None:
+    root = ElementTree.fromstring(export(load_device(name), (), "sdf").text)
+    assert root.get("version") == "1.9"
+    assert all(float(each.text or "nan") >= 0.0 for each in root.iter("spring_stiffness"))
+
+
+def test_friction_that_depends_on_an_unknown_load_is_left_out() -> None:
+    grows = Effect("load_dependent_friction", "link", {"coefficient": 0.2})
+    hanging, free = (export(load_device(name), [grows]) for name in ("dfki_simple_pendulum", "visco_elastic_demo"))
+    dry = [mujoco.MjModel.from_xml_string(made.text).dof_frictionloss[0] for made in (hanging, free)]
+    plain = [load_device(name).link.coulomb_friction for name in ("dfki_simple_pendulum", "visco_elastic_demo")]
+    assert dry[0] - plain[0] == pytest.approx(0.2 * 2.0 / np.pi * 2.9959316) and dry[1] == plain[1]
+    assert [next(loss.slot.kind for loss in made.losses) for made in (hanging, free)] == ["substitute", "none"]
+
+
 def test_sdf_wall_and_position_controller() -> None:
     wall = Effect("contact", "environment", {"angle": 0.3, "stiffness": 50.0, "damping": 0.5, "side": 1.0})
     made = export(load_device("xl330"), [wall], "sdf")

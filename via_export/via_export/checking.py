@@ -7,26 +7,29 @@ segments, because MuJoCo's model has no equation to evaluate without acceleratio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from via_core.devices import Device
+from via_core.signals import Array
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import TICK_RATE
 from via_gap.report.report import HeldOutInterval
-from via_gap.report.withheld import before_and_after, compared_segments
-from via_gap.residual.errors import Errors, run_errors, segment_errors
+from via_gap.report.withheld import compared_segments
+from via_gap.residual.errors import Errors, free_errors, run_errors, segment_errors
 from via_gap.residual.recordings import follows
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
 from via_sim.effects import Effect
 
-from via_export.exporting import export
+from via_export.exporting import Export, export
 from via_export.log_runs import segment_angles, whole_log
 from via_export.mujoco_joint import MujocoJoint
+
+Loaded = Callable[[float], MujocoJoint]  # of the rate [Hz] of command rows
 
 
 @dataclass(frozen=True)
@@ -66,20 +69,29 @@ def check(
 
     Raises SignalError where nothing can be simulated, ParameterError as `export`.
     """
+    folder = Path(into).parent if into is not None else None
+    sides = ((), tuple(effects))
+    before, after = (partial(_loaded, export(device, added, "mjcf", into, joint), folder) for added in sides)
     segments, chosen = compared_segments(logs, held_out)
-    sides = []
-    for added in ((), tuple(effects)):
-        made = export(device, added, "mjcf", into, joint)
-        folder = Path(into).parent if into is not None else None
-        if follows(device):
-            model = MujocoJoint(made.text, made.target, made.link, TICK_RATE, folder)
-            sides.append(run_errors(device, partial(whole_log, model), segments, chosen))
-            continue
+    if follows(device):
+        runs = (partial(whole_log, load(TICK_RATE)) for load in (before, after))
+        in_mujoco = [run_errors(device, run, segments, chosen) for run in runs]
+        in_via_sim = [free_errors(device, added, segments, chosen) for added in sides]
+    else:
         problem = ResidualModel.of(segments, chosen, Rollout.of)
-        parts = []
-        for view in problem.views:
-            assert isinstance(view, Rollout)
-            model = MujocoJoint(made.text, made.target, made.link, view.segments.rate, folder)
-            parts.append(view.whitened(segment_angles(model, view)[None]).ravel())
-        sides.append(segment_errors(problem, np.concatenate(parts)))
-    return Check((sides[0], sides[1]), before_and_after(logs, device, effects, held_out))
+        in_mujoco = [segment_errors(problem, _residual(problem, load)) for load in (before, after)]
+        in_via_sim = [segment_errors(problem, each) for each in problem.residual([problem.row(s) for s in sides])]
+    return Check((in_mujoco[0], in_mujoco[1]), (in_via_sim[0], in_via_sim[1]))
+
+
+def _loaded(made: Export, folder: Path | None, rate: float) -> MujocoJoint:
+    return MujocoJoint(made.text, made.target, made.link, rate, folder)
+
+
+def _residual(problem: ResidualModel, load: Loaded) -> Array:
+    """Whitened residual (R,) of the problem's segments, simulated with a model in MuJoCo."""
+    parts = []
+    for view in problem.views:
+        assert isinstance(view, Rollout)
+        parts.append(view.whitened(segment_angles(load(view.segments.rate), view)[None]).ravel())
+    return np.concatenate(parts)

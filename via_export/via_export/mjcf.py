@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import cos, isfinite, pi, sin, sqrt
+from math import cos, isfinite, pi, sin
 
 from via_core.device_parts import Maccepa, TwoLever
 from via_core.spring_equations import N_COEFFICIENTS, spring_torque
@@ -29,10 +29,12 @@ from via_export.xml import Attributes, Element, Value, document, element
 STEP = 2.5e-4  # [s] largest time step
 FAR = 1e3  # [rad] of a tendon that pulls on one side
 STIFF = 1e7  # torque of a servo over that of its springs, per radian
-STUCK = 1e-4  # [rad] travel of LuGre's bristle until it slides, for Stribeck friction
-BRISTLE_DAMPING = 0.7  # damping ratio of that bristle while the joint sticks
+STUCK = 1e-6  # [rad] least travel of LuGre's bristle until it slides, for Stribeck friction
+RESOLVED = 0.5  # [rad] most of an oscillation on that bristle in a time step
+BRISTLE_DAMPING = 0.0
 SOFTEST = 1e-4  # smallest impedance of a constraint, with which it is a spring and a damper
-NOT_A_SERVO = 1e-9  # gain, without which the compiler takes a positive third bias for a damping ratio
+NOT_A_SERVO = 1e-9  # of a gain: it differs from the bias, or a positive third bias is taken for a damping ratio
+STEEP = 20.0  # damping of a servo beyond its speed limit over that below it
 ROUND = 0.25  # time steps by which a delay is shortened, so that rounding does not select the next sample
 
 
@@ -63,7 +65,7 @@ def write(target: Target, comment: str = "") -> str:
     root = element(
         "mujoco",
         element("compiler", angle="radian", autolimits=True),
-        element("option", element("flag", contact="disable"), timestep=h, integrator="RK4",
+        element("option", element("flag", contact="disable"), timestep=h, integrator=integrator(target),
                 gravity=(0.0, 0.0, -GRAVITY), iterations=100, tolerance=1e-12),
         element("worldbody", frame),
         *sections(parts),
@@ -78,9 +80,26 @@ def sections(parts: Parts) -> list[Element]:
     return [element(name, *children) for name, children in named if children]
 
 
+def integrator(target: Target) -> str:
+    """Euler, with a quarter of the step, where elements have memory.
+
+    MuJoCo updates bristles and slipping springs exactly, but once per step. The stages of RK4 use them without that:
+    bristles that follow within a step are unstable there, and springs stick over a whole step.
+    """
+    return "Euler" if has_memory(target) else "RK4"
+
+
+def has_memory(target: Target) -> bool:
+    """Whether an axis has friction by LuGre's equations, or a transmission a spring that slips."""
+    axes, springs = range(1 + target.device.n_motors), range(target.device.n_transmissions)
+    bristles = any(target.dry(axis)[0] > target.dry(axis)[1] or target.bristle(axis)[0] > 0.0 for axis in axes)
+    return bristles or any(target.row[P.hysteresis_torque + i] > 0.0 for i in springs)
+
+
 def step(target: Target) -> float:
     """[s] time step: a fraction of a millisecond that resolves the joint."""
-    return TICK / max(round(TICK / STEP), 2 * target.substeps)
+    steps = max(round(TICK / STEP), 2 * target.substeps)
+    return TICK / (4 * steps if has_memory(target) else steps)
 
 
 def joint_parts(target: Target, link: str = "", kept: float = 0.0) -> Parts:
@@ -157,9 +176,8 @@ def _passive(target: Target, axis: int, names: tuple[str, ...], parts: Parts) ->
         add(f"ripple_{k}", gear=gear, cogging=(amplitude / gear, poles, phase - order * offset))
     breakaway, kinetic, speed = target.dry(axis)
     if breakaway > kinetic:
-        stiffness = breakaway / STUCK
-        damping = 2.0 * BRISTLE_DAMPING * sqrt(stiffness * target.of_axis(P.inertia, axis))
-        add("stribeck", lugre=(stiffness, damping, kinetic, breakaway, speed))
+        stiffest = target.of_axis(P.inertia, axis) * (RESOLVED / step(target)) ** 2
+        add("stribeck", lugre=(min(breakaway / STUCK, stiffest), 0.0, kinetic, breakaway, speed))
     torque, stiffness = target.bristle(axis)
     if torque > 0.0:
         add("presliding", lugre=(stiffness, 0.0, torque, torque, 1.0))
@@ -290,10 +308,17 @@ def _damper(target: Target, names: tuple[str, ...], parts: Parts) -> None:
         )  # fmt: skip
 
 
+def steps_late(target: Target, h: float) -> int:
+    """Time steps h [s] of an actuator's delay; one more for a goal with a speed limit, which acts a step early."""
+    late = round(float(target.row[P.delay]) / h)
+    slews = target.row[P.link_drive] == POSITION_DRIVE and isfinite(target.row[P.drive_speed_limit])
+    return late + 1 if slews else late
+
+
 def _late(target: Target) -> Attributes:
-    """Attributes of an actuator's delay, rounded to time steps."""
-    late = round(float(target.row[P.delay]) / step(target))
-    return {"delay": (late - ROUND) * step(target), "nsample": float(late + 2)} if late > 0 else {}
+    """Attributes of an actuator's delay, in time steps; its buffer is long enough for half of their length."""
+    late = steps_late(target, step(target))
+    return {"delay": (late - ROUND) * step(target), "nsample": float(2 * late + 2)} if late > 0 else {}
 
 
 def _filter(target: Target) -> Attributes:
@@ -334,7 +359,8 @@ def _drive(target: Target, axis: int, name: str) -> Element:
 def _servo(target: Target, axis: int, name: str) -> Element:
     """x'' = w^2 (u - x) - 2 w x' of a heavy body; on a slide the actuator's gear converts to the angle of the drum.
 
-    A limit v of the speed limits the force to 2 w v: with the damping outside the limit, the body moves at v at most.
+    A speed limit v: of the damping STEEP 2 w, that beyond 2 w is compensated by the actuator, whose force is limited to
+    STEEP 2 w v. At that limit the body keeps its speed, and below it the compensation is exact.
     """
     w, device = target.of_axis(P.bandwidth, axis - 1), target.device
     w = w / (1.0 + 0.5 * w * float(target.row[P.lag]))
@@ -343,11 +369,14 @@ def _servo(target: Target, axis: int, name: str) -> Element:
     if device.arrangement == "serial" and axis == 2 and isinstance(spring, Maccepa):
         gear = 1.0 / spring.drum_radius
     gain, damping = inertia * w * w / gear**2, 2.0 * inertia * w / gear**2
-    speed = target.of_axis(P.saturation, axis)
-    ends = {"forcerange": (-damping * speed, damping * speed)} if isfinite(speed) else {}
+    speed, ends, compensated = target.of_axis(P.saturation, axis), {}, 0.0
+    if isfinite(speed):
+        compensated = (STEEP - 1.0) * damping
+        ends = {"forcerange": (-STEEP * damping * speed, STEEP * damping * speed)}
     return element(
-        "general", name=f"{name}_drive", joint=name, gear=gear, gainprm=gain, biastype="affine",
-        biasprm=(0.0, -gain, 0.0), damping=(damping, 0.0, 0.0), input="pos", **ends, **_late(target),
+        "general", name=f"{name}_drive", joint=name, gear=gear, gainprm=gain * (1.0 + NOT_A_SERVO), biastype="affine",
+        biasprm=(0.0, -gain, compensated), damping=(damping + compensated, 0.0, 0.0), input="pos", **ends,
+        **_late(target),
     )  # fmt: skip
 
 
@@ -356,7 +385,7 @@ def _sensor(target: Target, axis: int, name: str) -> Element:
     skew = target.of_axis(P.skew, axis)
     more: Attributes = {}
     if skew > 0.0:
-        more = {"delay": skew, "nsample": float(round(skew / step(target)) + 3), "interp": "linear"}
+        more = {"delay": skew, "nsample": float(2 * round(skew / step(target)) + 3), "interp": "linear"}
     device = target.device
     spring = device.springs[min(axis, device.n_transmissions) - 1] if axis else None
     if device.arrangement == "serial" and axis == 2 and isinstance(spring, Maccepa):

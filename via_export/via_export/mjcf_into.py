@@ -17,7 +17,7 @@ from via_sim.joint.parameters import LINK, P
 from via_sim.plants import GRAVITY
 
 from via_export import payloads
-from via_export.mjcf import Parts, joint_parts, step
+from via_export.mjcf import Parts, has_memory, integrator, joint_parts, step
 from via_export.target import Target
 from via_export.xml import Element, element, text
 
@@ -56,7 +56,12 @@ def into(root: Element, target: Target, name: str, model: Any) -> list[str]:
         if children:
             _section(root, section).extend(children)
     if model.opt.timestep > step(target) * (1.0 + SMALL):
-        notes.append(f"option timestep: {model.opt.timestep:g} s; this joint needs {step(target):.3g} s, best with RK4")
+        best = integrator(target)
+        notes.append(
+            f"option timestep: {model.opt.timestep:g} s; this joint needs {step(target):.3g} s, best with {best}"
+        )
+    if has_memory(target) and model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4):
+        notes.append("option integrator: RK4 holds bristles and slipping springs over its stages; take Euler")
     return notes
 
 

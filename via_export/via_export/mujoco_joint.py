@@ -20,10 +20,11 @@ from via_core.signals import Array
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, M1, POWER, X
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
-from via_export.mjcf import ROUND
+from via_export.mjcf import ROUND, steps_late
 from via_export.target import Target
 
 LOCKED = 1e6  # [kg m^2] armature of the joints of a given model that are not driven
+TOLERANCE = 1e-12  # [(rad/s^2)^2] of the constraint solver, which would need 100 iterations for a tolerance of 0
 QUEUE = 400  # ticks of commands before a run that a delay can need
 GROUP = 5  # of the drive of a position-controlled joint, which is disabled while the drive is off
 _JOINT, _ACTUATOR = mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_ACTUATOR
@@ -62,7 +63,8 @@ class MujocoJoint:
         joints = [self._id(_JOINT, name) for name in self.names]
         self.qpos, self.dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
         model.dof_armature[np.setdiff1d(np.arange(model.nv), self.dofs)] = LOCKED
-        model.opt.tolerance = 0.0  # it is relative to the mean inertia, which heavy servos and locked joints dominate
+        model.stat.meaninertia = model.dof_M0[self.dofs].min()  # the tolerance's scale; of heavy servos: too coarse
+        model.opt.tolerance = TOLERANCE
         self.steps = max(1, int(np.ceil(1.0 / rate / model.opt.timestep - 1e-6)))
         model.opt.timestep = 1.0 / rate / self.steps
         self._set_delays()
@@ -101,7 +103,7 @@ class MujocoJoint:
     def _set_delays(self) -> None:
         """Delays in whole time steps, which may differ from that of the file."""
         model, h = self.model, self.model.opt.timestep
-        late = round(float(self.target.row[P.delay]) / h)
+        late = steps_late(self.target, h)
         for actuator in np.flatnonzero(model.actuator_delay > 0.0):
             most = int(model.actuator_history[actuator, 0]) - 1
             model.actuator_delay[actuator] = (min(late, most) - ROUND) * h

@@ -2,7 +2,7 @@
 
 With springs the motors turn the base's joint and the link turns a second joint, whose angle is the deflection; that
 joint has the spring and its damping. Friction of the link then acts on the deflection's joint and not on the link.
-Sources: SDFormat 1.11, elements joint/axis/dynamics and joint/axis/limit; Gazebo system JointPositionController.
+Sources: SDFormat 1.9, elements joint/axis/dynamics and joint/axis/limit; Gazebo system JointPositionController.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from math import cos, isfinite, sin
 
 import numpy as np
 from via_core.device_parts import ServoMotor
+from via_core.spring_equations import TWO_LEVER
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
 from via_export import payloads
 from via_export.target import Target
 from via_export.xml import Element, document, element, leaf
 
-VERSION = "1.11"
+VERSION = "1.9"  # the elements below are those of 1.11; older parsers refuse newer versions
 MIDDLE = 0.5  # of the stop: deflection at which the stiffness of a nonlinear spring is taken
 ROUNDED = 1e-4  # relative change of an inertia that is not worth an edit by hand
 WIDE = 1e16  # SDF's own value of a missing limit
@@ -118,9 +119,13 @@ def _link_axis(target: Target, flexible: bool) -> list[Element]:
 
 
 def stiffness_of(target: Target, i: int) -> float:
-    """[N m/rad] of transmission i: of a linear spring, else at the middle between rest and stop."""
+    """[N m/rad] of transmission i: of a linear spring, else half-way to the stop, of two levers at rest.
+
+    The stiffness of a spring between two levers changes its sign with the deflection.
+    """
     spring = target.device.spring_laws[i]
-    return float(target.row[P.spring_scale + i]) * float(spring.stiffness(MIDDLE * spring.max_deflection))
+    deflection = 0.0 if spring.kind == TWO_LEVER else MIDDLE * spring.max_deflection
+    return float(target.row[P.spring_scale + i]) * float(spring.stiffness(deflection))
 
 
 def _plugins(target: Target) -> list[Element]:

@@ -15,7 +15,7 @@ from via_export.target import Target
 
 FORMATS = ("mjcf", "urdf", "sdf", "isaaclab", "bam", "ros2_control")
 TITLES = {
-    "mjcf": "MuJoCo 4", "urdf": "URDF", "sdf": "SDF 1.11", "isaaclab": "Isaac Lab", "bam": "BAM",
+    "mjcf": "MuJoCo 4", "urdf": "URDF", "sdf": "SDF 1.9", "isaaclab": "Isaac Lab", "bam": "BAM",
     "ros2_control": "ros2_control",
 }  # fmt: skip
 Kind = Literal["slot", "substitute", "none"]

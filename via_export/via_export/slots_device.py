@@ -64,7 +64,7 @@ DEVICE_ROWS = (
     ),
     row(
         "motors", "servo", servo,
-        mjcf="= position actuator on a heavy body", urdf=f"~ none | {RIGID}; the joint itself is commanded",
+        mjcf="= position actuator on a heavy body", urdf=f"- {RIGID}; the joint itself is commanded",
         sdf="~ a link with the link's inertia under a JointPositionController | the load moves the servo",
         isaaclab=f"~ stiffness and damping of the same bandwidth | {RIGID}; the load moves the servo",
         bam=f"- {RIGID}", ros2_control="= position command interface",
@@ -83,7 +83,7 @@ DEVICE_ROWS = (
     row(
         "springs", "between levers", by_levers,
         mjcf="= spatial tendon between the levers", urdf=f"- {RIGID}",
-        sdf=f"~ stiffness at half of the stop | {CONSTANT}",
+        sdf=f"~ stiffness at half of the stop, of two levers at rest | {CONSTANT}",
         isaaclab=f"- {RIGID}", bam=f"- {RIGID}", ros2_control=NO_PHYSICS,
     ),
     row(

@@ -12,6 +12,8 @@ from via_export.target import Target
 
 NO_PHYSICS = "- holds no physics; belongs into the simulator's model"
 READING = "- apply it where you read the encoder"
+FOLLOWS = "friction does not follow the load, and does not increase at standstill"
+UNKNOWN_LOAD = "- friction does not follow a load, and without gravity no mean load is known: it is left out"
 RIGID_SPRING = "- joints are rigid: the effect vanishes with the spring"
 
 
@@ -29,6 +31,14 @@ def _sensed(_target: Target, effect: Effect | None) -> bool:
 
 def _levered_hardening(target: Target, effect: Effect | None) -> bool:
     return by_levers(target, None) and effect is not None and effect.parameters["hardening"] != 0.0
+
+
+def _unloaded(target: Target, _effect: Effect | None) -> bool:
+    return target.gravity_torque == 0.0
+
+
+def _on_unloaded_link(target: Target, effect: Effect | None) -> bool:
+    return _unloaded(target, effect) and _on_rigid_link(target, effect)
 
 
 def _on_rigid_link(target: Target, effect: Effect | None) -> bool:
@@ -56,7 +66,7 @@ EFFECT_ROWS = (
     ),
     row(
         "stribeck_friction",
-        mjcf="~ passive dcmotor lugre | the joint yields .1 mrad before it slides; smooth start of sliding",
+        mjcf="= passive dcmotor lugre; the joint yields a microradian before it slides, or what a time step resolves",
         urdf="~ dynamics/friction, kinetic | no higher friction at rest: no stick-slip",
         sdf="~ dynamics/friction, kinetic | no higher friction at rest: no stick-slip",
         isaaclab="~ friction (breakaway), dynamic_friction (kinetic) | a step at rest in place of the decay with speed",
@@ -100,20 +110,32 @@ EFFECT_ROWS = (
         ros2_control=NO_PHYSICS,
     ),
     row(
-        "load_dependent_friction", "on the link of a rigid joint", _on_rigid_link,
-        mjcf="~ frictionloss at the mean gravity load, or half the torque limit | friction does not follow the load",
-        urdf="~ dynamics/friction at that load | friction does not follow the load",
-        sdf="~ dynamics/friction at that load | friction does not follow the load",
-        isaaclab="~ friction at that load | friction does not follow the load",
+        "load_dependent_friction", "on the link of a rigid joint, without gravity", _on_unloaded_link,
+        mjcf=UNKNOWN_LOAD, urdf=UNKNOWN_LOAD, sdf=UNKNOWN_LOAD, isaaclab=UNKNOWN_LOAD,
         bam="= load_friction_motor, load_friction_external and their stribeck and quad (models m5, m6)",
         ros2_control=NO_PHYSICS,
     ),
     row(
+        "load_dependent_friction", "on the link of a rigid joint", _on_rigid_link,
+        mjcf=f"~ frictionloss at the mean gravity load | {FOLLOWS}",
+        urdf=f"~ dynamics/friction at the mean gravity load | {FOLLOWS}",
+        sdf=f"~ dynamics/friction at the mean gravity load | {FOLLOWS}",
+        isaaclab=f"~ friction at the mean gravity load | {FOLLOWS}",
+        bam="= load_friction_motor, load_friction_external and their stribeck and quad (models m5, m6)",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "load_dependent_friction", "elsewhere, without gravity", _unloaded,
+        mjcf=UNKNOWN_LOAD, urdf=UNKNOWN_LOAD, sdf=UNKNOWN_LOAD, isaaclab=UNKNOWN_LOAD,
+        bam="~ load_friction_motor of the joint | the load of the joint in place of that of the motor",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
         "load_dependent_friction", "elsewhere",
-        mjcf="~ frictionloss at the mean gravity load, or half the torque limit | friction does not follow the load",
-        urdf="~ dynamics/friction at that load | friction does not follow the load",
-        sdf="~ dynamics/friction at that load | friction does not follow the load",
-        isaaclab="~ friction at that load | friction does not follow the load",
+        mjcf=f"~ frictionloss at the mean gravity load | {FOLLOWS}",
+        urdf=f"~ dynamics/friction at the mean gravity load | {FOLLOWS}",
+        sdf=f"~ dynamics/friction at the mean gravity load | {FOLLOWS}",
+        isaaclab=f"~ friction at the mean gravity load | {FOLLOWS}",
         bam="~ load_friction_motor of the joint | the load of the joint in place of that of the motor",
         ros2_control=NO_PHYSICS,
     ),
@@ -211,7 +233,7 @@ EFFECT_ROWS = (
     ),
     row(
         "torque_saturation", "of a servo: its speed", servo,
-        mjcf="~ forcerange of the servo beside its damping | the speed limit is approached with 1/(2 w), not abruptly",
+        mjcf="= forcerange of the servo, most of whose damping is compensated below the limit",
         urdf="= limit/velocity", sdf="= limit/velocity", isaaclab="= velocity_limit",
         bam="- speed is limited by the supply alone", ros2_control="= joint_limits max_velocity",
     ),

@@ -112,21 +112,15 @@ class Target:
         lasting = row[P.pulse_start] <= 0.0 and row[P.pulse_stop] >= 1e6
         return float(row[P.pulse_torque]) if lasting else 0.0
 
-    def typical_load(self, axis: int) -> float:
-        """[N m] mean load of an axis with friction that depends on it: gravity over a turn, else half of its limit."""
-        if self.gravity_torque > 0.0:
-            share = 1.0 if axis == LINK else 1.0 / max(self.device.n_transmissions, 1)
-            return LOAD_SHARE * self.gravity_torque * share
-        limit = self.limit(axis if axis in self.drives else self.drives[0])
-        return 0.5 * limit if limit < inf else 0.0
-
     def load_friction(self, axis: int) -> float:
-        """[N m] constant in place of friction that depends on the load: its value at the typical load.
+        """[N m] constant in place of friction that depends on the load: its mean over a turn of the sliding link.
 
-        At rest the counter torque balances the load.
+        The drive balances gravity, of which each transmission carries its share. Without gravity the load is unknown,
+        and the friction is left out; so is its increase at standstill, which acts only where torques are opposed.
         """
-        load = self.typical_load(axis)
-        return abs(self.of_axis(P.load_friction, axis) * load + self.of_axis(P.counter_friction, axis) * load)
+        share = 1.0 if axis == LINK else 1.0 / max(self.device.n_transmissions, 1)
+        coefficient = self.of_axis(P.load_friction, axis) + self.of_axis(P.counter_friction, axis)
+        return coefficient * LOAD_SHARE * share * self.gravity_torque
 
     def dry(self, axis: int) -> tuple[float, float, float]:
         """Breakaway and kinetic friction [N m] and the speed [rad/s] that separates them; the bristle is apart."""

@@ -21,8 +21,8 @@ here.
 
 Events: a writer ignores requests for a message that it has just sent (`nackSupressionDuration`). By default this ends
 at once, by an event in another thread after every message: a third of the processor time of a node that publishes
-32 000 messages a second, half of it in locks that the two threads share. After 20 ms here, for all messages of that time.
-A lost message is asked for at the next heartbeat, or at the one after it.
+32 000 messages a second, half of it in locks that the two threads share. Here one event ends it after 20 ms for all
+messages of that time. A lost message is asked for at the next heartbeat, or at the one after it.
 """
 
 from __future__ import annotations

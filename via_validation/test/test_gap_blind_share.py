@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
-from via_validation.commands.gap_blind_export import app
+from via_validation.commands.gap_blind import app
+from via_validation.exports.exported import exported
+from via_validation.exports.reading import read_all
+from via_validation.exports.sources import sealed_sources
 
 SEEDS = {"14828": "coulomb_friction", "5257": "quadratic_drag"}  # clean, good recordings of rigid joints
 
@@ -27,9 +30,7 @@ def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:
         assert (case["right"], case["where_right"], case["truths"][0]["effect"]) == (True, True, effect)
         assert case["explained"] > 0.9
         assert abs(case["predicted"] - case["measured"]) < 0.05
-        exported = tmp_path / seed / "export.json"
-        compared = runner.invoke(app, ["export", cases, "--results", results, "--json", str(exported)])
-        assert compared.exit_code == 0 and "largest difference with slots" in compared.output, compared.output
-        (made,) = json.loads(exported.read_text())
-        assert made["effects"] == [f"{effect} at link"] and made["lost"] == []
-        assert made["mujoco"] == pytest.approx(made["via_sim"], abs=0.001)
+        made = exported(sealed_sources(Path(cases), Path(results))[0], tmp_path / seed / "files")
+        assert made.effects == (f"{effect} (link)",) and made.kept and not made.lost_effects
+        assert made.mujoco is not None and made.mujoco.after == pytest.approx(made.expected, abs=0.001)
+        assert not any(any(files.values()) for files in read_all(tmp_path / seed / "files").values())

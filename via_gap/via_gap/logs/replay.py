@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, sqrt
+from math import ceil, nan, sqrt
 
 import numpy as np
 from via_core.devices import Device
@@ -19,8 +19,10 @@ from via_sim.joint.encoders import true_angle
 from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, simulate
 
+from via_gap.logs.start import FIRST, motion_at_start
+
 TICK_RATE = 1000.0  # [Hz] of the simulation; commands of logs change on whole milliseconds
-FIRST_SAMPLES = 9  # whose median is the initial angle of a log, without influence of spikes of an encoder
+AHEAD = 1e-3  # [s] over which a velocity is freed of the encoder errors that depend on the angle
 
 
 @dataclass(frozen=True)
@@ -38,8 +40,8 @@ def simulated_log(device: Device, measured: Signals, commands: Signals, effects:
 
     Angles are those of encoders without noise or steps, but with the encoder errors of the effects, as in the log.
 
-    measured  `q` (N,) and, if the device has motors, `theta` (N, m); the log starts at rest at its first samples, a
-              motor that is not measured at its first command
+    measured  `q` (N,) and, if the device has motors, `theta` (N, m); the run begins with the motion of the first
+              samples, and with a motor that is not measured at rest at its first command
     commands  with zero-order hold; before the first one, its value applies
 
     Raises SignalError for a log without samples or without a finite link angle at its start.
@@ -86,25 +88,28 @@ def pooled(gaps: Sequence[Gap]) -> float:
 
 
 def _initial(device: Device, measured: Signals, commands: Signals, row: Array) -> Array:
-    """(6,) q, theta_1, theta_2 [rad] and zero velocities, without the encoder errors of `row` (N_PARAMETERS,)."""
+    """(6,) q, theta_1, theta_2 [rad] and velocities, without the encoder errors of `row` (N_PARAMETERS,)."""
     state = np.zeros(6)
-    state[0] = true_angle(row, 0, _first(measured["q"]))
+    state[0], state[3] = _first(measured, "q", row, 0)
     if np.isnan(state[0]):
-        raise SignalError(f"no finite link angle among the first {FIRST_SAMPLES} samples of the log")
+        raise SignalError(f"no finite link angle among the first {FIRST} samples of the log")
     commanded = np.full(device.n_motors, np.nan)
     if "equilibrium" in commands and device.n_motors:
         preset = commands["preset"][0] if "preset" in commands else 0.0
         commanded = device.motor_angles(commands["equilibrium"][0], preset)
     for motor in range(device.n_motors):
-        angle = _first(measured["theta"][:, motor]) if "theta" in measured else np.nan
-        state[1 + motor] = true_angle(row, 1 + motor, angle) if np.isfinite(angle) else commanded[motor]
+        angle, velocity = _first(measured, "theta", row, 1 + motor)
+        state[1 + motor], state[4 + motor] = (angle, velocity) if np.isfinite(angle) else (commanded[motor], 0.0)
         if np.isnan(state[1 + motor]):
             raise SignalError(f"motor {motor + 1} is neither measured nor commanded at the start of the log")
     return state
 
 
-def _first(values: Array) -> float:
-    """Median of the first finite samples, NaN if there are none."""
-    begin = values[:FIRST_SAMPLES]
-    begin = begin[np.isfinite(begin)]
-    return float(np.median(begin)) if begin.size else float("nan")
+def _first(measured: Signals, name: str, row: Array, axis: int) -> tuple[float, float]:
+    """True angle [rad] and velocity [rad/s] of an axis at the first sample; NaN if it is not measured there."""
+    if name not in measured:
+        return nan, nan
+    values = measured[name] if axis == 0 else measured[name][:, axis - 1]
+    angle, velocity = motion_at_start(measured.time, values)
+    begin, after = (float(true_angle(row, axis, each)) for each in (angle, angle + velocity * AHEAD))
+    return begin, (after - begin) / AHEAD

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 from via_core.devices import Device
 from via_core.errors import SignalError
 from via_sim.effects import Effect
@@ -45,6 +46,7 @@ def before_and_after(
     return errors_of(problem, before), errors_of(problem, after)
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # as in a diagnosis
 def compared_segments(
     logs: Sequence[JointLog], held_out: Sequence[HeldOutInterval]
 ) -> tuple[list[Segments], list[Indices]]:

@@ -24,8 +24,8 @@ from via_gap.logs.between import acting, along, in_lines
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import LogNoise, error_correlation, log_noise
 from via_gap.logs.quality import Quality
-from via_gap.logs.replay import FIRST_SAMPLES
 from via_gap.logs.rounding import interpolated, mean_variance, step_of, variances
+from via_gap.logs.start import FIRST
 from via_gap.residual.smoothing import smoothed, window_of
 
 Indices = NDArray[np.intp]
@@ -261,7 +261,7 @@ def _rest(log: JointLog) -> Array:
     """(3,) [rad] median of the first samples of each axis, also of encoders that are not used."""
     rest = np.full(3, np.nan)
     for axis in range(1 + (log.device.n_motors if "theta" in log.measured else 0)):
-        first = angle_of(log, axis)[:FIRST_SAMPLES]
+        first = angle_of(log, axis)[:FIRST]
         if np.isfinite(first).any():
             rest[axis] = np.nanmedian(first)
     return rest

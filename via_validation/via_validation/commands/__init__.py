@@ -37,7 +37,11 @@ COMMANDS = {
     ),
     "bench": Entry("via_validation.commands.bench:app", "Measure speed, memory and endurance."),
     "gap blind": Entry(
-        "via_validation.commands.gap_blind_export:app", "Evaluate the diagnosis on sealed cases of a second simulator."
+        "via_validation.commands.gap_blind:app", "Evaluate the diagnosis on sealed cases of a second simulator."
+    ),
+    "gap exports": Entry(
+        "via_validation.commands.gap_exports:exports",
+        "Export repairs of sealed cases and real robots, and compare the gap in MuJoCo with that of their reports.",
     ),
     "gap real": Entry(
         "via_validation.commands.gap_real:real",

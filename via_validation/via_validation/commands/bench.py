@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, track
-from via_bringup.cli.console import errors
+from via_bringup.cli.console import answers, errors
+from via_core.text_files import write_text
 
 from via_validation.commands.bench_realtime import node, realtime
 from via_validation.commands.bench_soak import soak
@@ -98,6 +99,24 @@ def arm(
     from via_validation.bench.arm import arm_rows
 
     shown("Arm in real time", arm_rows(seconds), as_rows)
+
+
+@app.command()
+def joints(
+    seconds: Annotated[float, typer.Option(min=6.0, max=600.0, help="Duration of the recordings \\[s].")] = 60.0,
+    write: Annotated[Path | None, typer.Option(help="Write arm-cost.md into this folder.")] = None,
+) -> None:
+    """Diagnosis of arms of 1, 2, 4 and 7 joints from one recording each: processor time per joint."""
+    from via_validation.bench.joints import COUNTS, PAGE, costs, page
+    from via_validation.provenance import provenance
+
+    found = list(track(costs(COUNTS, seconds), "arms", len(COUNTS), console=errors))
+    for each in found:
+        answers.print(f"{each.joints} joints: {each.processor:.1f} s of processor time, {each.each:.2f} s per joint")
+    if write is not None:
+        source = provenance(f"via bench joints --seconds {seconds:g} --write docs/results")
+        write_text(write / PAGE, page(found, source, seconds))
+        answers.print(f"wrote {write / PAGE}")
 
 
 @app.command()

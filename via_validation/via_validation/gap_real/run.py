@@ -71,7 +71,7 @@ def run_case(case: Case, data: Path, progress: Progress) -> Result:
     report, elsewhere, failure = None, [], ""
     with tempfile.TemporaryDirectory() as bags:
         try:
-            read = _Recordings(case, data, Path(bags))
+            read = Recordings(case, data, Path(bags))
             fitted, held_out, others = (read(each) for each in (case.fitted, case.held_out, case.others))
             report = diagnose(
                 fitted, read.device, held_out or None, lambda what, share: progress(what, 0.9 * share), read.groups(),
@@ -101,11 +101,16 @@ def missing(case: Case, data: Path) -> str:
 
 def kept(case: Case, folder: Path) -> Result | None:
     """The stored result of a case, failures included; None if it is missing or out of date."""
+    result = stored(case, folder)
+    return result if result is not None and result.key == key(case) else None
+
+
+def stored(case: Case, folder: Path) -> Result | None:
+    """The stored result of a case, whatever made it; None if there is none."""
     try:
-        result = Result.model_validate_json((folder / f"{case.name}.json").read_text(encoding="utf-8"))
+        return Result.model_validate_json((folder / f"{case.name}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return result if result.key == key(case) else None
 
 
 def keep(result: Result, folder: Path) -> None:
@@ -122,20 +127,21 @@ def keep(result: Result, folder: Path) -> None:
 def key(case: Case) -> str:
     """Hash of everything that the result depends on; the documented truth and the aim do not affect it."""
     computed = replace(case, truth=None, aim=0.0)  # type: ignore[arg-type]
-    return sha256(f"{computed} {_sources()}".encode()).hexdigest()[:16]
+    return sha256(f"{computed} {digest_of_sources(DECIDING)}".encode()).hexdigest()[:16]
 
 
 @cache
-def _sources() -> str:
+def digest_of_sources(packages: tuple[str, ...]) -> str:
+    """Hash of the sources of packages."""
     digest = sha256()
-    for package in DECIDING:
+    for package in packages:
         root = Path(str(files(package)))
         for path in sorted(each for each in root.rglob("*") if each.suffix in (".py", ".yaml", ".urdf")):
             digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     return digest.hexdigest()
 
 
-class _Recordings:
+class Recordings:
     """Reader of a case's recordings by patterns of file names.
 
     device   nominal device

@@ -1,4 +1,4 @@
-"""`via watch`: rates, estimates, gaps and warnings of all joints in the terminal, twice a second."""
+"""`via watch`: rates, estimates, gaps and warnings of all joints in the terminal, twice a second, or in a browser."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from via_core.status import Status
 from via_bringup.cli.console import answers, table
 from via_bringup.cli.ros.session import session
 from via_bringup.cli.ros.watched import FORGET, Watched
+from via_bringup.cli.ros.web import PERIOD as LOOK
+from via_bringup.cli.ros.web import Page, viewer
 
 PERIOD = 0.5  # [s] between two displays
 MOST_CAUSES = 2  # that are shown
@@ -30,10 +32,22 @@ def watch(
     once: Annotated[
         float, typer.Option(min=0.0, max=3600.0, help="Print one table after this time \\[s] and end; 0: until Ctrl-C.")
     ] = 0.0,
+    web: Annotated[bool, typer.Option("--web", help="Plot in a browser instead; needs rerun: make view.")] = False,
+    port: Annotated[
+        int, typer.Option(min=1024, max=65534, help="Port of the page; its data take the next one.")
+    ] = 9090,
 ) -> None:
     """Show rate, stiffness, damping, status, gap and causes of every joint, and the warnings of all nodes, live."""
     with session() as now:
         watched = Watched(now.node, joint_topic)
+        if web:
+            with viewer(port) as (address, stream):
+                answers.print(f"open {address}")
+                page = Page(stream)
+                while True:
+                    watched.look()
+                    page.show(watched, joints)
+                    now.pause(LOOK)
         if once or not answers.is_terminal:
             began = printed = time.monotonic()
             while True:

@@ -1,0 +1,1 @@
+"""Repairs of reports exported to other simulators: their gap in MuJoCo, and readers of their files."""
