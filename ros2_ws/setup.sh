@@ -164,7 +164,7 @@ sources() {
     # methods.py and peers.py determine the executables: one per method.
     find via_interfaces via_*/{package.xml,setup.py,setup.cfg} via_estimators/via_estimators/{methods,peers}.py \
         ros2_ws/colcon_defaults.yaml -type f -print0 | sort -z | xargs -0 sha256sum
-    find via_*/{resource,bin,launch,config} -type f 2>/dev/null | sort || true
+    find via_*/{resource,bin,launch,config,security} -type f 2>/dev/null | sort || true
 }
 
 build() {

@@ -14,6 +14,7 @@ import rclpy
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from via_controllers.nodes.adaptive_limit_cycle import AdaptiveLimitCycleNode
+from via_controllers.nodes.commanded_torque import CommandedTorqueNode
 from via_controllers.nodes.controller import ControllerNode
 from via_controllers.nodes.equilibrium_preset import EquilibriumPresetNode
 from via_core.vsa_arms import load_vsa_arm
@@ -33,6 +34,7 @@ NODES: tuple[tuple[Callable[..., Any], dict[str, Any]], ...] = (
     (EstimatorNode, {"device": "compact_vpda"}),
     (partial(EstimatorNode, BANK), {"methods": ["modulated_torque"]}),
     (partial(ControllerNode, "excitation"), {}),
+    (CommandedTorqueNode, {}),
     (EquilibriumPresetNode, {"feedback": True}),
     (MonitorNode, {}),
     (ArmSimulatorNode, {}),

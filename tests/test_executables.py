@@ -46,7 +46,7 @@ NEEDS = {
     "recorder": Needs(("bag:={folder}/new", "topics:=[/joint_states]")),
     "player": Needs(("bag:={folder}/bag", "rate:=0.1")),
     "estimator": Needs((f"device:={DEVICE.name}",), samples=True),
-    "excitation": Needs((f"device:={DEVICE.name}",), samples=True),
+    **dict.fromkeys(("excitation", "commanded_torque"), Needs((f"device:={DEVICE.name}",), samples=True)),
     # Any device that the method supports, with the name and so the joint names of DEVICE.
     **{
         method: Needs(
@@ -79,7 +79,8 @@ def declared() -> Iterator[tuple[str, str]]:
 
 
 EXECUTABLES = list(declared())
-NODES = [each for each in EXECUTABLES if each != ("via_bringup", "via")]
+# Without control_msgs, which has no wheel, `dynamic_joint_states` does not start: see test_ros2_control.
+NODES = [each for each in EXECUTABLES if each[1] not in ("via", "dynamic_joint_states")]
 
 
 def where_ros2_run_looks(package: str, executable: str) -> list[Path]:

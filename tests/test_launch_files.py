@@ -31,6 +31,7 @@ CASES = {
     "hopper": (["mode:=lockstep", "payload:=1"], "/hopper/control"),
     "joint": (["mode:=lockstep", "bag:=recorded"], "/cubic_demo/stiffness"),
     "limit_cycle": (["mode:=lockstep", "adapt:=true", "payload:=0.4"], "/reference_4dof/payload"),
+    "ros2_control": (["mode:=lockstep", "files:=files"], "/qbmove_a/stiffness"),
     "throw": (["mode:=lockstep"], "/visco_elastic_demo/control"),
 }
 

@@ -18,6 +18,7 @@ setup(
         (f"share/{package}", ["package.xml"]),
         ("bin", ["bin/via"]),
         (f"share/{package}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{package}/security", sorted(glob("security/*.xml"))),
         (f"share/{package}/config", sorted(glob("config/*.yaml"))),
     ],
     install_requires=["setuptools"],

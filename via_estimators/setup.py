@@ -36,6 +36,7 @@ setup(
             "estimator = via_estimators.nodes.estimator:main",
             "estimator_bank = via_estimators.nodes.estimator:bank",
             "payload = via_estimators.nodes.payload:main",
+            "dynamic_joint_states = via_estimators.nodes.dynamic_joint_states:main",
             *(f"{method} = via_estimators.nodes.single:{method}" for method in methods()),
         ]
     },

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
 from launch.conditions import IfCondition
 from launch.substitutions import (
@@ -15,6 +17,8 @@ from launch.substitutions import (
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+from via_bringup.enclaves import enclave_arguments
 
 
 def string(name: str) -> ParameterValue:
@@ -39,7 +43,22 @@ def if_equal(name: str, value: str) -> IfCondition:
 
 def node(package: str, executable: str, *parameters: Any, **more: Any) -> Node:
     """A node that logs to the screen. `parameters` are files and dictionaries; later ones override earlier ones."""
+    if package.startswith("via_"):
+        more["ros_arguments"] = enclave_arguments(executable)
     return Node(package=package, executable=executable, parameters=list(parameters), output="screen", **more)
+
+
+def missing(packages: Iterable[str]) -> list[str]:
+    """Those of these packages that are not installed."""
+
+    def is_missing(package: str) -> bool:
+        try:
+            get_package_prefix(package)
+        except PackageNotFoundError:
+            return True
+        return False
+
+    return [each for each in packages if is_missing(each)]
 
 
 def network() -> list[Any]:

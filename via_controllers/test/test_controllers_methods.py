@@ -5,6 +5,7 @@ import pytest
 from via_controllers.arms.bang_bang import ModalBangBang
 from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.joints.bang_bang_joint import JointBangBang
+from via_controllers.joints.commanded_torque import CommandedTorque
 from via_controllers.joints.equilibrium_preset import EquilibriumPreset
 from via_controllers.joints.max_velocity import MaxVelocity
 from via_controllers.joints.motor_position import MotorPositionControl
@@ -17,6 +18,7 @@ KINDS = {
     "equilibrium_preset": EquilibriumPreset,
     "bang_bang_joint": JointBangBang,
     "max_velocity": MaxVelocity,
+    "commanded_torque": CommandedTorque,
     "modal_limit_cycle": VsaModalLimitCycle,
     "bang_bang": ModalBangBang,
     "hopping": ModalBangBang,

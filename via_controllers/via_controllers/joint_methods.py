@@ -14,6 +14,7 @@ from via_core.parameters import parameter
 from via_controllers.contract import require
 from via_controllers.joint_axes import JointAxes
 from via_controllers.joints.bang_bang_joint import JointBangBang
+from via_controllers.joints.commanded_torque import CommandedTorque
 from via_controllers.joints.equilibrium_preset import FURTHEST, EquilibriumPreset, EquilibriumPresetState
 from via_controllers.joints.max_velocity import MaxVelocity, joint_of
 from via_controllers.joints.motor_position import MotorPositionControl
@@ -160,3 +161,19 @@ class MaxVelocityParameters(ControllerParameters):
         # The optimum runs the motor at full speed: no speed is reserved for following the link.
         axes = JointAxes(device, self.damping)
         return ControlledJoint(axes, JointSupervisor.of(controller, axes, drive=self.speed_share))
+
+
+@dataclass(frozen=True)
+class CommandedTorqueParameters(ControllerParameters):
+    """Of `commanded_torque`; the node also subscribes to the torques."""
+
+    device: str = parameter("qbmove_a", DEVICE)
+    timeout: float = parameter(0.02, "age of a command from which the torque is zero", "s", (1e-3, 0.1))
+
+    def controller(self, axes: JointAxes) -> CommandedTorque:
+        """The controller of a device's axes."""
+        return CommandedTorque(tuple(axes.torque_limit.tolist()), self.timeout)
+
+    def build(self) -> ControlledJoint:
+        axes = JointAxes(load_device(self.device))
+        return ControlledJoint(axes, JointSupervisor.of(self.controller(axes), axes))

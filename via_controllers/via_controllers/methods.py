@@ -5,6 +5,7 @@ from __future__ import annotations
 from via_controllers.arm_methods import BangBangParameters, HoppingParameters, ModalLimitCycleParameters
 from via_controllers.joint_methods import (
     BangBangJointParameters,
+    CommandedTorqueParameters,
     EquilibriumPresetParameters,
     ExcitationParameters,
     MaxVelocityParameters,
@@ -16,6 +17,7 @@ CONTROLLERS: dict[str, type[ControllerParameters]] = {
     "equilibrium_preset": EquilibriumPresetParameters,
     "bang_bang_joint": BangBangJointParameters,
     "max_velocity": MaxVelocityParameters,
+    "commanded_torque": CommandedTorqueParameters,
     "modal_limit_cycle": ModalLimitCycleParameters,
     "bang_bang": BangBangParameters,
     "hopping": HoppingParameters,

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from via_core.devices import device_names, load_device
 from via_core.errors import ParameterError
-from via_export import FORMATS, Export, export
+from via_export import FORMATS, Export, export, ros2_control_topics
 from via_sim.effects import Effect
 
 LINK_EFFECTS = [
@@ -161,6 +161,21 @@ def test_ros2_control_has_limits_gains_and_offset() -> None:
     assert values["joint_limits"]["xl330_shaft_joint"]["max_effort"] == 0.5
     gains = values["xl330_pid_controller"]["ros__parameters"]["gains"]["xl330_shaft_joint"]
     assert gains["p"] == pytest.approx(0.80884) and gains["u_clamp_max"] == 0.5
+
+
+@pytest.mark.parametrize("name", ["qbmove_a", "visco_elastic_demo"])
+def test_a_controller_manager_gets_a_robot_whose_controllers_fit_it(name: str) -> None:
+    device = load_device(name)
+    text = ros2_control_topics.robot(device)
+    model = pinocchio.buildModelFromXML(text)
+    assert set(model.names[1:]) == {device.link_joint, *device.motor_joints}
+    joints = {each.get("name"): each for each in ElementTree.fromstring(text).find("ros2_control").findall("joint")}
+    commanded = [each for each, joint in joints.items() if joint.find("command_interface[@name='effort']") is not None]
+    values = yaml.safe_load(ros2_control_topics.controllers(device))
+    manager = values["controller_manager"]["ros__parameters"]
+    assert values["motor_torques"]["ros__parameters"]["joints"] == commanded == list(device.motor_joints)
+    assert values.keys() - {"controller_manager"} == manager.keys() - {"update_rate"}
+    assert 1.0 / manager["update_rate"] < 0.02  # commands act for 20 ms
 
 
 def test_losses_are_in_the_file() -> None:

@@ -25,12 +25,16 @@ UPRIGHT = "0 0 1"
 
 def write(target: Target, comment: str = "") -> str:
     """A robot of one joint. With gravity the axis is horizontal; at angle `gravity_angle` the link hangs along -z."""
+    return document(robot(target), comment, declaration=True)
+
+
+def robot(target: Target) -> Element:
+    """The element `robot`: base, link and joint, as in `write`."""
     name = target.device.name
-    root = element(
+    return element(
         "robot", element("link", name=f"{name}_base"), element("link", _inertial(target), name=f"{name}_link"),
         joint(target, f"{name}_base", f"{name}_link"), name=name,
     )  # fmt: skip
-    return document(root, comment, declaration=True)
 
 
 def joint(target: Target, parent: str, child: str) -> Element:

@@ -229,6 +229,19 @@ def joints_of(message: JointState, last: Names) -> Joints:
     )
 
 
+def efforts_of(message: JointState, joints: Sequence[str]) -> Array:
+    """Efforts (n,) of the named joints in a command, in the order of `joints`; NaN where there is none.
+
+    The topic hardware interface of ros2_control names all its joints, but lists efforts only of those with an effort
+    command: as many efforts as `joints` therefore belong to these, in the order of their names.
+    """
+    names, effort = list(message.name), message.effort
+    if len(effort) == len(joints) < len(names):
+        names = [each for each in names if each in joints]
+    given = dict(zip(names, effort, strict=True)) if len(effort) == len(names) else {}
+    return np.array([given.get(each, np.nan) for each in joints])
+
+
 class StateWriter:
     """One reused JointState: write into the views, then publish `stamped(time)`.
 

@@ -87,6 +87,10 @@ COMMANDS = {
         "via_bringup.cli.layout:layout",
         "Write a layout for Foxglove or PlotJuggler that shows samples, commands, estimates and gap of a joint.",
     ),
+    "security": Entry(
+        "via_bringup.cli.security:security",
+        "Make an SROS2 key store for the nodes of VIA: keys, governance, and permissions for these devices and arms.",
+    ),
     "bag import": Entry(
         "via_bringup.cli.bag:import_folder",
         "Convert recordings to bags; refuse unusable ones and list the reasons.",

@@ -11,6 +11,7 @@ import typer
 from via_core.errors import ViaError
 
 from via_bringup.cli.console import answers
+from via_bringup.enclaves import enclave_arguments
 
 
 def run(
@@ -27,6 +28,8 @@ def run(
 
 def execute_node(package: str, executable: str, arguments: list[str]) -> NoReturn:
     """Replace this process by the executable, which then receives the signals and returns the exit code."""
+    if package.startswith("via_") and "--enclave" not in arguments:
+        arguments = [*arguments, "--ros-args", *enclave_arguments(executable)]
     command = node_command(find_executable(package, executable), arguments)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # SUBNET opens the node to the network
     os.execv(command[0], command)

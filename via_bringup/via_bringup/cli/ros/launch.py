@@ -55,7 +55,16 @@ def _shipped() -> dict[str, Path]:
 
 
 def _run(path: Path, words: list[str], show: bool) -> None:
-    from via_bringup.cli.ros.launch_files import arguments, configured, described, environment, nodes, text
+    from via_bringup.cli.ros.launch_files import (
+        arguments,
+        configured,
+        described,
+        environment,
+        expanded,
+        messages,
+        nodes,
+        text,
+    )
 
     entities = described(path)
     if show:
@@ -67,6 +76,9 @@ def _run(path: Path, words: list[str], show: bool) -> None:
     if wrong:
         raise ViaError(f"launch arguments have the form NAME:=VALUE, got {wrong[0]!r}")
     context = configured(entities, dict(each.split(":=", 1) for each in words))
+    entities = tuple(expanded(entities, context))
+    for message in messages(entities, context):
+        errors.print(message, soft_wrap=True)
     commands = [(each.name or each.executable, each.command(context)) for each in nodes(entities, context)]
     raise typer.Exit(_together(commands, environment(entities, context)))
 

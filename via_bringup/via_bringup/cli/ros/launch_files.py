@@ -131,18 +131,25 @@ class OpaqueFunction:
 
 
 @dataclass(frozen=True)
+class LogInfo:
+    msg: Any
+
+
+@dataclass(frozen=True)
 class Node:
     package: str
     executable: str
     name: str = ""
     parameters: Iterable[Any] = ()
     arguments: Iterable[Any] = ()
+    ros_arguments: Iterable[Any] = ()
     condition: IfCondition | None = None
     output: str = "screen"
 
     def command(self, context: Context) -> list[str]:
         """Executable and arguments. Raises ViaError if the executable is not installed."""
         words = [*(text(each, context) for each in self.arguments), "--ros-args"]
+        words += [text(each, context) for each in self.ros_arguments]
         words += ["-r", f"__node:={self.name}"] if self.name else []
         for given in self.parameters:
             if not isinstance(given, dict):
@@ -164,7 +171,7 @@ class LaunchDescription:
 
 MODULES: dict[str, tuple[type, ...]] = {
     "launch": (LaunchDescription, type("LaunchContext", (dict,), {})),
-    "launch.actions": (DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable),
+    "launch.actions": (DeclareLaunchArgument, LogInfo, OpaqueFunction, SetEnvironmentVariable),
     "launch.conditions": (IfCondition, UnlessCondition),
     "launch.substitutions": (EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution, PythonExpression),
     "launch_ros": (),
@@ -216,13 +223,25 @@ def configured(entities: Iterable[Any], given: dict[str, str]) -> Context:
     return context
 
 
-def nodes(entities: Iterable[Any], context: Context) -> Iterator[Node]:
-    """The nodes to start with these values."""
+def expanded(entities: Iterable[Any], context: Context) -> Iterator[Any]:
+    """The entities, with those that functions return for these values in place of the functions."""
     for each in entities:
         if isinstance(each, OpaqueFunction):
-            yield from nodes(each.function(context), context)
-        elif isinstance(each, Node) and (each.condition is None or each.condition.holds(context)):
+            yield from expanded(each.function(context), context)
+        else:
             yield each
+
+
+def nodes(entities: Iterable[Any], context: Context) -> Iterator[Node]:
+    """The nodes to start with these values."""
+    for each in expanded(entities, context):
+        if isinstance(each, Node) and (each.condition is None or each.condition.holds(context)):
+            yield each
+
+
+def messages(entities: Iterable[Any], context: Context) -> Iterator[str]:
+    """The texts to print with these values."""
+    return (text(each.msg, context) for each in expanded(entities, context) if isinstance(each, LogInfo))
 
 
 def environment(entities: Iterable[Any], context: Context) -> dict[str, str]:

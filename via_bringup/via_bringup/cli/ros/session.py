@@ -21,6 +21,7 @@ from via_ros import middleware
 from via_ros.spin import FOREVER, REFUSALS, check_domain, make_executor, spin_until
 
 from via_bringup.cli.console import errors
+from via_bringup.enclaves import COMMANDS, enclave_arguments
 
 QUIET = 1.2  # [s] without a change after which discovery counts as complete
 LONGEST = 5.0  # [s] of discovery
@@ -154,7 +155,7 @@ def session() -> Iterator[Session]:
     middleware.prepare()
     context = Context()
     try:
-        rclpy.init(args=[], context=context)
+        rclpy.init(args=["--ros-args", *enclave_arguments(COMMANDS)], context=context)
         check_domain(context)
         node = rclpy.create_node(
             f"_via_{os.getpid()}", context=context, enable_rosout=False, start_parameter_services=False
