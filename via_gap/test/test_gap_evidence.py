@@ -136,7 +136,7 @@ def test_whole_runs_are_compared_by_squared_error():
     [
         (16.1, 4.0, True),  # noise known to a factor of two on either side, squared
         (15.9, 4.0, False),
-        (1000.0, 4.1, False),  # the better one leaves more than noise can be
+        (16.3, 4.1, False),  # the better one leaves more than noise can be
         (4.1, 0.5, True),  # below the noise counts as noise
         (3.9, 0.5, False),
     ],
@@ -159,6 +159,19 @@ def test_an_effect_that_acts_in_one_segment_of_forty_is_clear_where_all_of_it_is
     half = np.ones(40)
     half[17] = 250.0  # what is left there is not noise
     assert not clearly_worse(without, evaluated(half, BACKLASH))
+
+
+def test_a_push_is_clear_beside_errors_of_the_model_that_are_far_above_the_noise():
+    """Belt and friction leave up to a hundred times the noise in some segments, the push ten thousand times in two."""
+    ordinary = np.random.default_rng(11).lognormal(1.0, 1.5, 55)
+    pushed = ordinary.copy()
+    pushed[[30, 32]] = 4e4
+    without, with_push = evaluated(pushed, COULOMB), evaluated(ordinary, BACKLASH)
+    gap, sd = difference(without, with_push)
+    assert gap - quantile() * sd < NUMBERS.margin < gap and with_push.mean_square > NUMBERS.no_gap**2
+    assert clearly_worse(without, with_push) and not clearly_worse(with_push, without)
+    pushed[[30, 32]] = 3.0 * ordinary.max()  # as large as errors of this model can be
+    assert not clearly_worse(evaluated(pushed, COULOMB), with_push)
 
 
 def test_the_typical_error_is_that_of_the_segment_with_the_mean_loss():
