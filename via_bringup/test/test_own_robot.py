@@ -163,6 +163,11 @@ def test_a_recording_alone_gives_the_numbers_of_the_joint(folder: Path) -> None:
     assert link.gravity_torque == pytest.approx(1.5 * 0.15 * 9.81, rel=0.05)
     assert link.coulomb_friction == pytest.approx(FRICTION["elbow"], rel=0.15)
     assert "measured: least squares on run.csv" in (folder / "alone.yaml").read_text()
+    assert "torque_scale" not in (folder / "alone.yaml").read_text()  # these torques are the scale of all numbers
+
+
+def test_torques_of_a_recording_have_a_tolerance_beside_the_numbers_of_a_model(elbow: Path) -> None:
+    assert load_device(elbow).tolerances.torque_scale == 0.05
 
 
 def test_bag_map_shows_guesses_and_writes_a_mapping_that_imports(folder: Path, elbow: Path, tmp_path: Path) -> None:
