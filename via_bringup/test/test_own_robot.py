@@ -88,6 +88,7 @@ def test_all_joints_of_a_model_come_from_one_recording(folder: Path) -> None:
     write_arm(folder / "arm.parquet")
     for model in ("robot.urdf", "robot.xml"):
         arm = arm_of_model(folder / model, folder / "arm.parquet")
+        assert {each.tolerances.torque_scale for each in arm.devices} == {0.05}
         assert [device.name for device in arm.devices] == ["shoulder", "elbow"]
         q, v, a = np.random.default_rng(1).normal(size=(3, 20, 2))
         np.testing.assert_allclose(arm.torques(q, v, a), reference(q, v, a), rtol=1e-5, atol=1e-5)
@@ -163,11 +164,6 @@ def test_a_recording_alone_gives_the_numbers_of_the_joint(folder: Path) -> None:
     assert link.gravity_torque == pytest.approx(1.5 * 0.15 * 9.81, rel=0.05)
     assert link.coulomb_friction == pytest.approx(FRICTION["elbow"], rel=0.15)
     assert "measured: least squares on run.csv" in (folder / "alone.yaml").read_text()
-    assert "torque_scale" not in (folder / "alone.yaml").read_text()  # these torques are the scale of all numbers
-
-
-def test_torques_of_a_recording_have_a_tolerance_beside_the_numbers_of_a_model(elbow: Path) -> None:
-    assert load_device(elbow).tolerances.torque_scale == 0.05
 
 
 def test_bag_map_shows_guesses_and_writes_a_mapping_that_imports(folder: Path, elbow: Path, tmp_path: Path) -> None:

@@ -14,12 +14,14 @@ from via_gap.selection.evidence import (
     block_means,
     clearly_worse,
     difference,
+    outdone_by,
     quantile,
     refuted_beside,
     resamples,
     vetoed,
 )
 from via_gap.selection.numbers import NUMBERS
+from via_gap.selection.verdict import matters
 from via_sim.effects import Effect
 
 BLOCKS = 40
@@ -136,7 +138,7 @@ def test_whole_runs_are_compared_by_squared_error():
     [
         (16.1, 4.0, True),  # noise known to a factor of two on either side, squared
         (15.9, 4.0, False),
-        (16.3, 4.1, False),  # the better one leaves more than noise can be
+        (1000.0, 4.1, False),  # the better one leaves more than noise can be
         (4.1, 0.5, True),  # below the noise counts as noise
         (3.9, 0.5, False),
     ],
@@ -169,9 +171,11 @@ def test_a_push_is_clear_beside_errors_of_the_model_that_are_far_above_the_noise
     without, with_push = evaluated(pushed, COULOMB), evaluated(ordinary, BACKLASH)
     gap, sd = difference(without, with_push)
     assert gap - quantile() * sd < NUMBERS.margin < gap and with_push.mean_square > NUMBERS.no_gap**2
-    assert clearly_worse(without, with_push) and not clearly_worse(with_push, without)
+    assert outdone_by(without, with_push) and not outdone_by(with_push, without)
+    assert matters(with_push, without, without)
     pushed[[30, 32]] = 3.0 * ordinary.max()  # as large as errors of this model can be
-    assert not clearly_worse(evaluated(pushed, COULOMB), with_push)
+    assert not outdone_by(evaluated(pushed, COULOMB), with_push)
+    assert not outdone_by(evaluated(pushed, COULOMB, whole=True), evaluated(ordinary, BACKLASH, whole=True))
 
 
 def test_the_typical_error_is_that_of_the_segment_with_the_mean_loss():

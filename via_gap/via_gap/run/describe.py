@@ -15,7 +15,7 @@ from via_core.recordings.channels import joint_of
 from via_core.recordings.entries import Constants, entries_of, linear
 from via_core.recordings.guess import ColumnGuess, guess_columns
 from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
-from via_core.robots.description import GUESS, RATE, TORQUE, Description, Number, device_name, guess_gains, of_model
+from via_core.robots.description import GUESS, RATE, Description, Number, device_name, guess_gains, of_model
 
 from via_gap.logs.log import JointLog
 from via_gap.logs.survey import fit_gains, fit_joint, survey
@@ -184,9 +184,6 @@ def _choose_drive(made: Description) -> None:
             guess_gains(made)
     elif not torque and "equilibrium" not in columns:
         made.remarks.append("the recording has neither torques nor goals: a diagnosis needs one of them")
-    if torque and made.drive == "torque" and "inertia" in made.numbers:  # otherwise measured with these torques
-        note = "torque that acts per torque that is recorded"
-        made.numbers["torque_scale"] = Number(1.0, "guessed", note, TORQUE)
     if made.drive == "torque":
         for name in ("kp", "kd", "torque_limit", "delay"):
             made.numbers.pop(name, None)

@@ -119,19 +119,24 @@ def clearly_worse(a: Evaluation, b: Evaluation) -> bool:
 
 
 def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
-    """Whether a leaves errors that no chance explains, because b explains them.
+    """Whether b leaves hardly more than noise, and a more than noise can be, even if what b leaves is all noise.
 
-    A rare effect (a limit reached twice, a push) is in so few segments that resamples often miss it. Its errors are no
-    chance if b leaves hardly more than noise, and a more than noise can be, even if what b leaves is all noise; or if
-    they exceed as far all that b leaves in any segment, which shows how large errors of the model can be in this log.
-    Noise is known to a factor of `no_gap`, that of each model on its own.
+    A rare effect (a limit reached twice) is in so few segments that resamples often miss it; but no chance explains
+    what they contain down to the noise. Noise is known to a factor of `no_gap`, that of each model on its own.
     """
     factor = NUMBERS.no_gap**2
-    if b.mean_square <= factor and a.mean_square > factor * max(b.mean_square, 1.0):
-        return True
-    if a.whole:  # a few runs do not show how large errors can be
-        return False
-    return bool(np.max(a.segments) > factor * max(float(np.max(b.segments)), 1.0))
+    return b.mean_square <= factor and a.mean_square > factor * max(b.mean_square, 1.0)
+
+
+def outdone_by(a: Evaluation, b: Evaluation) -> bool:
+    """Whether a leaves errors beyond all that b leaves in any segment, by more than noise is known.
+
+    What b leaves shows how large the errors of a model with small faults (a belt, a slow sensor) can be in this log. A
+    rare effect (a push) is beyond them, although what b leaves is not noise. A few whole runs do not show that.
+    """
+    if a.whole or refuted_beside(a, b):
+        return refuted_beside(a, b)
+    return bool(np.max(a.segments) > NUMBERS.no_gap**2 * max(float(np.max(b.segments)), 1.0))
 
 
 def predicts(each: Evaluation, without: Evaluation) -> bool:
