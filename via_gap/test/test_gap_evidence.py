@@ -173,9 +173,20 @@ def test_a_push_is_clear_beside_errors_of_the_model_that_are_far_above_the_noise
     assert gap - quantile() * sd < NUMBERS.margin < gap and with_push.mean_square > NUMBERS.no_gap**2
     assert outdone_by(without, with_push) and not outdone_by(with_push, without)
     assert matters(with_push, without, without)
+    pushed = ordinary.copy()
     pushed[[30, 32]] = 3.0 * ordinary.max()  # as large as errors of this model can be
     assert not outdone_by(evaluated(pushed, COULOMB), with_push)
     assert not outdone_by(evaluated(pushed, COULOMB, whole=True), evaluated(ordinary, BACKLASH, whole=True))
+
+
+def test_the_largest_of_several_events_is_not_the_cause():
+    """A cable that snags again and again: an external torque explains the strongest of its blows."""
+    left = np.ones(55)
+    left[3:43:5] = 5e3
+    blows = left.copy()
+    blows[50] = 4e4
+    assert blows.max() > NUMBERS.no_gap**2 * left.max()
+    assert not outdone_by(evaluated(blows, COULOMB), evaluated(left, BACKLASH))
 
 
 def test_the_typical_error_is_that_of_the_segment_with_the_mean_loss():
