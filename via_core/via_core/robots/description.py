@@ -168,7 +168,7 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
             ("effort", joint.effort, description.unit("torque_limit")),
             ("speed", joint.speed, description.unit("speed_limit")),
         )
-        if value
+        if value and not (what == "effort" and "torque_limit" in numbers)
     ]
     if np.isfinite(joint.low) and np.isfinite(joint.high):
         limits.append(f"{joint.low:g} to {joint.high:g} {description.unit('gravity_angle')}")
