@@ -87,7 +87,9 @@ def test_the_first_order_stays_and_exchanges_end():
     assert len(asked) == PASSES and all(each == [0] for each in asked)
 
 
-@pytest.mark.parametrize(("turns", "orders"), [(1.3, (7.0, 8.0, 12.0)), (0.6, (7.0, 9.0, 20.0)), (0.4, (7.0, 100.0, 200.0))])
+@pytest.mark.parametrize(
+    ("turns", "orders"), [(1.3, (7.0, 8.0, 12.0)), (0.6, (7.0, 9.0, 20.0)), (0.4, (7.0, 100.0, 200.0))]
+)
 def test_planted_orders_of_a_torque_are_found(monkeypatch, turns, orders):
     """Over little more than a turn the strongest single order is between two true ones. A gear has high orders."""
     angle = np.linspace(-0.3, 2.0 * np.pi * turns - 0.3, 900)

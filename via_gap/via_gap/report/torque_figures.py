@@ -110,7 +110,7 @@ def order_spectra(missing: Sequence[MissingTorque]) -> tuple[OrderSpectrum, ...]
             continue
         turns = float(np.ptp(angle)) / (2.0 * pi)
         highest = highest_order(angle)
-        orders = np.concatenate([LOW_ORDERS, WHOLE_ORDERS[WHOLE_ORDERS <= highest]])
+        orders = np.concatenate([LOW_ORDERS, WHOLE_ORDERS[highest >= WHOLE_ORDERS]])
         orders = orders[orders * turns >= 1.0]
         if not len(orders) or len(angle) < 4:
             continue
