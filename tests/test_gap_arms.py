@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from via_bringup.cli import app
 from via_core.errors import DeviceError, SignalError, ViaError
 from via_core.signals import Array, Signals
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.report.report import read_report
 from via_gap.residual.inverse_dynamics import InverseDynamics
@@ -261,6 +262,23 @@ def test_no_payload_is_found_where_none_is(arm: Arm) -> None:
     assert find_payload(arm, [moved(arm, 40.0, bodies=with_payload(arm, at_first))]) is None
     silent = [replace(log, commands=None) for log in moved(arm, 8.0)]
     assert find_payload(arm, [silent]) is None
+
+
+@pytest.mark.parametrize(("tolerance", "named"), [(0.0, ["torque_gain"]), (0.05, [])])
+def test_torques_that_are_wrong_within_their_tolerance_are_no_cause(arm: Arm, tolerance: float, named: list[str]):
+    """The forces of the other joints are not scaled by any other number, as those of a single joint are."""
+    device = arm.devices[1]
+    link = device.link.model_copy(update={"coulomb_friction": FRICTION[1]})
+    known = device.tolerances.model_copy(update={"torque_scale": tolerance})
+    log = moved(arm, 20.0)[1]
+    scaled = {**log.commands.channels, "external_torque": 1.04 * log.commands["external_torque"]}
+    commands = Signals(log.commands.time, scaled, log.commands.units, frozenset(scaled))
+    stated = device.model_copy(update={"link": link, "tolerances": known})
+    report = diagnose([replace(log, device=stated, commands=commands)], stated, only_equations=True)
+    assert [each.effect for each in report.effects] == named
+    if not named:
+        (scale,) = (each for each in report.nuisance if each.name == "torque scale")
+        assert scale.fitted == pytest.approx(1.0 / 1.04, abs=0.012)
 
 
 def test_an_arms_page_draws_torques_in_their_unit(arm: Arm, answered: Path) -> None:

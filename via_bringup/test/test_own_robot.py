@@ -88,6 +88,7 @@ def test_all_joints_of_a_model_come_from_one_recording(folder: Path) -> None:
     write_arm(folder / "arm.parquet")
     for model in ("robot.urdf", "robot.xml"):
         arm = arm_of_model(folder / model, folder / "arm.parquet")
+        assert {each.tolerances.torque_scale for each in arm.devices} == {0.05}
         assert [device.name for device in arm.devices] == ["shoulder", "elbow"]
         q, v, a = np.random.default_rng(1).normal(size=(3, 20, 2))
         np.testing.assert_allclose(arm.torques(q, v, a), reference(q, v, a), rtol=1e-5, atol=1e-5)

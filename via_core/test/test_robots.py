@@ -95,6 +95,7 @@ def test_a_position_actuator_is_seen_through_its_gear(folder: Path) -> None:
     device = parse_device(made.text(), "d")
     assert device.drive == "position" and device.servo is not None and device.servo.torque_limit == 40.0
     assert "`scale: 0.5`" in made.text()
+    assert "effort 40" not in made.text()  # it is the limit of the drive, not one without an entry
 
 
 def test_gains_without_model_are_guesses_with_wide_tolerance() -> None:

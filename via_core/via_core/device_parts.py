@@ -258,7 +258,7 @@ class Tolerances(Part):
     kp: Tolerance = 0.05  # of a position drive: small where gains are known, large where they are to be identified
     kd: Tolerance = 0.05
     torque_limit: Tolerance = 0.05  # of a position drive
-    # Of measured torques, such as a torque constant. No motion shows it, so it must be stated.
+    # Of commanded and measured torques, such as a torque constant. No motion shows it, so it must be stated.
     torque_scale: Annotated[float, Field(strict=True, ge=0.0, le=0.65)] = 0.0
     # [s] of the delay of measured torques against the angles, late or early; 0: not stated.
     torque_timing: Annotated[float, Field(strict=True, ge=0.0, le=0.05)] = 0.0

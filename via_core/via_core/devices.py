@@ -29,6 +29,7 @@ from via_core.device_parts import (
     Motor,
     Observed,
     PositionDrive,
+    Positive,
     Sensors,
     Spring,
     Tolerances,
@@ -56,6 +57,7 @@ class Device(Described):
     motors: tuple[Motor, ...] = ()
     springs: tuple[Spring, ...] = ()
     damper: Damping | None = None
+    torque_scale: Positive = 1.0  # torque that acts per torque that is commanded or recorded; of all torque drives
     sensors: Sensors
     observed: Observed = Observed()
     tolerances: Tolerances = Tolerances()
@@ -74,6 +76,8 @@ class Device(Described):
         for i, motor in enumerate(self.motors):
             if motor_kind(motor) != self.drive:
                 raise ValueError(f"motors.{i}: drive is '{self.drive}' but this is a {motor_kind(motor)} motor")
+        if self.torque_scale != 1.0 and self.drive != "torque":
+            raise ValueError(f"torque_scale: drive '{self.drive}' has no torque command")
         if self.damper is not None and self.damper.site == "transmission" and not self.springs:
             raise ValueError("damper.site: 'transmission' needs a transmission, and a rigid joint has none")
         if len(self.wire.motors) not in (0, self.n_drives):

@@ -7,6 +7,7 @@ import pytest
 from gap_logs import log_of, rigid
 from gap_models import BACKLASH, COULOMB, evaluated
 from via_core.signals import Array
+from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
 from via_gap.selection import reliability
 from via_gap.selection.confidence_set import confidence_set
@@ -14,14 +15,17 @@ from via_gap.selection.evidence import (
     block_means,
     clearly_worse,
     difference,
+    outdone_by,
     quantile,
     refuted_beside,
     resamples,
     vetoed,
 )
 from via_gap.selection.numbers import NUMBERS
+from via_gap.selection.verdict import matters
 from via_sim.effects import Effect
 
+PUSH = Location("external_torque", "environment", 0)
 BLOCKS = 40
 ALPHA = 0.05
 PICKS = np.random.default_rng(7).integers(0, BLOCKS, (400, BLOCKS))
@@ -159,6 +163,32 @@ def test_an_effect_that_acts_in_one_segment_of_forty_is_clear_where_all_of_it_is
     half = np.ones(40)
     half[17] = 250.0  # what is left there is not noise
     assert not clearly_worse(without, evaluated(half, BACKLASH))
+
+
+def test_a_push_is_clear_beside_errors_of_the_model_that_are_far_above_the_noise():
+    """Belt and friction leave up to a hundred times the noise in some segments, the push ten thousand times in two."""
+    ordinary = np.random.default_rng(11).lognormal(1.0, 1.5, 55)
+    pushed = ordinary.copy()
+    pushed[[30, 32]] = 4e4
+    without, with_push = evaluated(pushed, COULOMB), evaluated(ordinary, PUSH)
+    gap, sd = difference(without, with_push)
+    assert gap - quantile() * sd < NUMBERS.margin < gap and with_push.mean_square > NUMBERS.no_gap**2
+    assert outdone_by(without, with_push) and not outdone_by(with_push, without)
+    assert matters(with_push, without, without)
+    pushed = ordinary.copy()
+    pushed[[30, 32]] = 3.0 * ordinary.max()  # as large as errors of this model can be
+    assert not outdone_by(evaluated(pushed, COULOMB), with_push)
+    assert not outdone_by(evaluated(pushed, COULOMB, whole=True), evaluated(ordinary, PUSH, whole=True))
+
+
+def test_the_largest_of_several_events_is_not_the_cause():
+    """A cable that snags again and again: an external torque explains the strongest of its blows."""
+    left = np.ones(55)
+    left[3:43:5] = 5e3
+    blows = left.copy()
+    blows[50] = 4e4
+    assert blows.max() > NUMBERS.no_gap**2 * left.max()
+    assert not outdone_by(evaluated(blows, COULOMB), evaluated(left, PUSH))
 
 
 def test_the_typical_error_is_that_of_the_segment_with_the_mean_loss():

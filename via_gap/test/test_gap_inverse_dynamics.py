@@ -11,11 +11,13 @@ from gap_logs import antagonistic_log, flexible, log_of, rigid
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals
 from via_gap.logs.log import JointLog
-from via_gap.residual.inverse_dynamics import InverseDynamics
+from via_gap.residual.inverse_dynamics import TAKING, InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import binned, cut_log
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
+from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate
@@ -79,11 +81,21 @@ def test_a_drive_that_gives_nothing_lacks_more_not_less(device):
     model = model_of(log_of(device, (), seed=5, duration=6.0))
     tenth = Effect("torque_gain", "motor", {"gain": 0.1}, 1)
     small = Effect("torque_saturation", "motor", {"limit": 0.02}, 1)
-    sizes = [float(np.sum(missing(model, *each) ** 2)) for each in ((), (tenth,), (small,))]
-    assert sizes[1] > 2.0 * sizes[0] and sizes[2] > 2.0 * sizes[0]
+    (drive,) = (v.windows.drive[:, -1] for v in model.views)
+    dead = Effect("torque_deadband", "motor", {"threshold": 0.9 * float(np.abs(drive).max())}, 1)
+    sizes = [float(np.sum(missing(model, *each) ** 2)) for each in ((), (tenth,), (small,), (dead,))]
+    assert all(each > 2.0 * sizes[0] for each in sizes[1:])
     view = model.views[0]
     nothing = float(np.mean(view.baseline() ** 2))
     assert sizes[1] / len(view.windows.axes) > 0.5 * nothing  # no better than no model
+
+
+def test_every_effect_on_a_command_can_reduce_the_torque_of_a_drive():
+    """Otherwise a drive that gives nothing would lack nothing."""
+    taking = set(TAKING)
+    for kind in EFFECTS.values():
+        slots = [getattr(P, slot.name) for slot in kind.slots if any(t.place == "command" for t in kind.terms)]
+        assert taking.issuperset(slots), kind.name
 
 
 def test_rows_on_several_threads_give_the_bits_of_one_row_at_a_time():

@@ -10,8 +10,8 @@ from via_core.signals import Signals
 from via_gap.candidates.fit import Fit, effect_or_none
 from via_gap.candidates.location import MEASUREMENT_ONLY, Location, locations, missing_effects
 from via_gap.candidates.scales import Scales
-from via_gap.candidates.screen import Direction, directions, ranked_pairs
-from via_gap.candidates.starts import size_of, size_parameters, starts
+from via_gap.candidates.screen import REACH, Direction, directions, ranked_pairs
+from via_gap.candidates.starts import amount_range, combined, size_of, size_parameters, starts
 from via_gap.logs.log import JointLog
 from via_gap.rendering.joint_picture import JointPicture
 from via_gap.rendering.names import site_words
@@ -99,6 +99,21 @@ def test_every_start_makes_an_effect_whose_other_parameters_are_neutral():
                 assert effect is not None and [*effect.parameters] == [
                     p.name for p in EFFECTS[location.name].parameters
                 ]
+
+
+@pytest.mark.parametrize("turned", [0.1, 1.5708, -2.8])
+@pytest.mark.parametrize("gravity", [1.3, -0.7])
+def test_a_wrong_direction_of_gravity_starts_where_its_parts_along_and_across_say(turned, gravity):
+    """A robot on a wall: the torque is linear in both parts for any angle, but far from linear in the angle."""
+    link = rigid().link.model_copy(update={"gravity_torque": gravity})
+    device = rigid().model_copy(update={"link": link})
+    place = Location("gravity_error", "link", 0)
+    (start,) = starts(place, SCALES, device)
+    torque, angle = (each[name] for each, name in zip(start.directions, ("torque", "angle"), strict=True))
+    along, across = 1.2 * gravity * np.cos(turned), 1.2 * gravity * np.sin(turned)
+    amounts = [(along - gravity) / torque, across / (gravity * angle)]
+    assert combined(place, start, amounts) == pytest.approx([0.2 * gravity, turned])
+    assert amount_range(place, start, REACH)[1][1] * angle > 1.0  # gravity may act across alone
 
 
 def test_every_effect_has_starts_and_a_size():

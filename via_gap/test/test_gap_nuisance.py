@@ -44,8 +44,11 @@ def test_a_coordinate_without_effect_stays_where_it_is():
 @pytest.mark.parametrize("name", [*device_names(), "flexible"])
 def test_the_repaired_device_has_the_row_of_the_fit(name):
     device = flexible() if name == "flexible" else load_device(name)
+    known = device.tolerances.model_copy(update={"torque_scale": 0.05 if device.drive == "torque" else 0.0})
+    device = device.model_copy(update={"tolerances": known})
     plant = JointPlant.from_device(device)
     each = nuisances(plant)
+    assert [n.name for n in each if n.name == "torque scale"] == ["torque scale"] * (device.drive == "torque")
     offsets = np.linspace(-1.0, 1.0, len(each))
     row = plant.parameters.copy()
     apply_all(row, each, offsets)

@@ -10,6 +10,7 @@ import pytest
 from via_core.signals import Array
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.orders import ENCODER_ORDERS, PASSES, _exchanged, encoder_waves, torque_waves
+from via_gap.candidates.scales import SCREENED, highest_order, strongest_order
 from via_sim.effects import Effect
 
 FOUND = {"amplitude": 0.01, "phase": 0.3}  # order 1, which every encoder error has
@@ -86,9 +87,11 @@ def test_the_first_order_stays_and_exchanges_end():
     assert len(asked) == PASSES and all(each == [0] for each in asked)
 
 
-@pytest.mark.parametrize(("turns", "orders"), [(1.3, (7.0, 8.0, 12.0)), (0.6, (7.0, 9.0, 20.0))])
+@pytest.mark.parametrize(
+    ("turns", "orders"), [(1.3, (7.0, 8.0, 12.0)), (0.6, (7.0, 9.0, 20.0)), (0.4, (7.0, 100.0, 200.0))]
+)
 def test_planted_orders_of_a_torque_are_found(monkeypatch, turns, orders):
-    """Over little more than a turn the strongest single order is between two true ones."""
+    """Over little more than a turn the strongest single order is between two true ones. A gear has high orders."""
     angle = np.linspace(-0.3, 2.0 * np.pi * turns - 0.3, 900)
     amounts = (0.05, 0.04, 0.02)
     torque = 0.3 + sum(a * np.sin(n * angle + 0.7 * n) for n, a in zip(orders, amounts, strict=True))
@@ -98,3 +101,13 @@ def test_planted_orders_of_a_torque_are_found(monkeypatch, turns, orders):
     assert {order for _, order, _ in whole} == set(orders)
     for amplitude, order, _ in whole:
         assert amplitude == pytest.approx(amounts[orders.index(order)], rel=0.03)
+
+
+def test_the_strongest_order_is_found_as_far_as_windows_show_it():
+    """A window that contains a whole period shows nothing of it: in fast motion only low orders are screened."""
+    slow, fast = (np.linspace(0.0, 2.0 * np.pi * turns, 900) for turns in (1.0, 12.0))
+    for angle, order in ((slow, 160.0), (fast, 30.0)):
+        torque = np.sin(order * angle + 0.4) + 0.5 * np.sin(7.0 * angle)
+        assert strongest_order(angle, torque, ()) == pytest.approx(order, abs=1e-3)
+        assert strongest_order(angle, torque, (order,)) == pytest.approx(7.0, abs=1e-3)
+    assert highest_order(slow) > 160.0 and highest_order(fast) == SCREENED

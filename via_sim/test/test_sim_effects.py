@@ -147,6 +147,16 @@ def test_dead_time_of_a_fraction_of_a_tick_is_exact():
     assert np.max(np.abs(coarse - simulate(plant, commands, 0.3, RATE).truth["q"])) > 1e-5
 
 
+def test_a_torque_gain_adds_to_the_scale_of_torques_in_the_device_file():
+    scaled = JointPlant.from_device(rigid().model_copy(update={"torque_scale": 0.9}))
+    gain = Effect("torque_gain", "motor", {"gain": 0.8}, 1)
+    assert scaled.parameters[P.torque_gain] == 0.9
+    assert scaled.with_effects([gain]).parameters[P.torque_gain] == pytest.approx(0.72)
+    number = Effect("device_numbers", "device", {"torque scale": 0.9})
+    plain = JointPlant.from_device(rigid())
+    np.testing.assert_array_equal(plain.with_effects([number]).parameters, scaled.parameters)
+
+
 def test_torque_gain_does_not_change_the_reported_torque():
     plant, commands = JointPlant.from_device(antagonistic()), torques()
     run = simulate(plant.with_effects([Effect("torque_gain", "motor", {"gain": 0.5}, 2)]), commands, 0.5, RATE)

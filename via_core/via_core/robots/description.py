@@ -15,6 +15,7 @@ Origin = Literal["read", "measured", "guessed", "stated"]
 # Relative standard deviations. CAD masses and lengths are good to some percent; friction of a description is seldom
 # measured, and changes with load and temperature; guesses are known to a factor of about two.
 CAD, WITHOUT_ROTOR, FRICTION, GUESS = 0.05, 0.2, 0.3, 0.65
+TORQUE = 0.05  # of torques: constants of motors vary between copies by some percent, and fall as magnets warm
 RATE = 500.0  # [Hz] where no recording shows one
 ORDER = ("inertia", "viscous_friction", "coulomb_friction", "gravity_torque", "gravity_angle", "kp", "kd",
          "torque_limit", "speed_limit", "delay", "rate", "link_quantum", "torque_noise")  # fmt: skip
@@ -25,13 +26,14 @@ PARTS = {
 UNITS = {
     "inertia": "kg m^2", "viscous_friction": "N m s/rad", "coulomb_friction": "N m", "gravity_torque": "N m",
     "gravity_angle": "rad", "kp": "N m/rad", "kd": "N m s/rad", "torque_limit": "N m", "speed_limit": "rad/s",
-    "delay": "s", "rate": "Hz", "link_quantum": "rad", "torque_noise": "N m",
+    "delay": "s", "torque_scale": "-", "rate": "Hz", "link_quantum": "rad", "torque_noise": "N m",
 }  # fmt: skip
 LINEAR = {"kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "rad": "m", "rad/s": "m/s"}
 # The tolerance of the device file that covers a number.
 TOLERANCE = {
     "inertia": "link_inertia", "viscous_friction": "link_friction", "coulomb_friction": "link_friction",
-    "gravity_torque": "gravity", "kp": "kp", "kd": "kd", "torque_limit": "torque_limit", "speed_limit": "speed_limit",
+    "gravity_torque": "gravity", "torque_scale": "torque_scale", "kp": "kp", "kd": "kd",
+    "torque_limit": "torque_limit", "speed_limit": "speed_limit",
 }  # fmt: skip
 
 
@@ -78,6 +80,7 @@ class Description:
             f"confidence: {self.confidence}",
             "arrangement: rigid",
             f"drive: {self.drive}",
+            *([self._line("torque_scale").strip()] if "torque_scale" in self.numbers else []),
         ]
         for part in ("link", "servo", "sensors"):
             inside = [
@@ -165,7 +168,7 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
             ("effort", joint.effort, description.unit("torque_limit")),
             ("speed", joint.speed, description.unit("speed_limit")),
         )
-        if value
+        if value and not (what == "effort" and "torque_limit" in numbers)
     ]
     if np.isfinite(joint.low) and np.isfinite(joint.high):
         limits.append(f"{joint.low:g} to {joint.high:g} {description.unit('gravity_angle')}")

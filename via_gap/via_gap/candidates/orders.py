@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from via_core.signals import Array
 
 from via_gap.candidates.fit import Fit
-from via_gap.candidates.scales import strongest_order
+from via_gap.candidates.scales import highest_order, power_of, strongest_order
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 
 MATERIAL = 0.05  # share of the rest that one more order must explain
 ENCODER_ORDERS = range(1, 41)  # periods per turn of the encoder
-TORQUE_ORDERS = range(1, 81)  # periods per turn of the motor
+TORQUE_ORDERS = 80  # whole periods per turn of the motor: the strongest ones
 PASSES = 3  # of exchanges
 SMALL = 0.1  # of the fitted amplitude: change that is simulated
 
@@ -129,11 +129,18 @@ def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> 
     angle, torque = _missing(equations, row, axis)
     if not len(torque):
         return []
-    orders = np.array(TORQUE_ORDERS, dtype=np.float64)
+    orders = _strongest_whole(angle, torque)
     columns = np.stack([wave(orders * angle[:, None]) for wave in (np.sin, np.cos)], axis=2).reshape(len(angle), -1)
     kept = _pursued(columns, np.ones((len(angle), 1)), torque, most)
     chosen = [orders[kept].tolist(), _free_orders(angle, torque, most)]
     return [_fitted_waves(angle, torque, each) for each in chosen if each]
+
+
+def _strongest_whole(angle: Array, torque: Array) -> Array:
+    """(n,) the whole orders, ascending, whose sine and cosine explain most of torque (W,), each for itself."""
+    orders = np.arange(1.0, int(highest_order(angle)) + 1.0)
+    power = power_of(orders, angle, torque - torque.mean())
+    return orders[np.sort(np.argsort(-power, kind="stable")[:TORQUE_ORDERS])]
 
 
 def _free_orders(angle: Array, torque: Array, most: int) -> list[float]:

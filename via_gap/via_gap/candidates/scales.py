@@ -13,8 +13,9 @@ from via_sim.joint.layout import EXTERNAL, GOAL, POWER
 from via_gap.residual.inverse_dynamics import MissingTorque
 from via_gap.residual.segments import Segments
 
-# Periods per turn that are screened; not whole numbers, which a fit would keep.
-ORDERS = 1e-6 + np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])
+SCREENED = 80.0  # periods per turn, of any log
+HIGHEST_ORDER = 1000.0  # periods per turn in the catalogue
+AT_ONCE = 64  # orders
 APART = 0.6  # least distance of two orders
 KEPT_ORDERS = 2
 FASTEST = 0.995  # quantile of the speed that counts as the largest: above it is encoder noise
@@ -156,10 +157,30 @@ def _orders(segments: Sequence[Segments], missing: Sequence[MissingTorque | None
     return tuple(kept)
 
 
+def highest_order(angle: Array) -> float:
+    """The most periods per turn that windows with these angles (W,) [rad] in their middle show, in order of time.
+
+    Windows overlap by half. Beyond two steps per period, a window contains a whole period, which averages out.
+    """
+    step = float(np.mean(np.abs(np.diff(angle)))) if len(angle) > 1 else 0.0
+    return min(max(np.pi / max(step, 1e-9), SCREENED), HIGHEST_ORDER)
+
+
 def strongest_order(angle: Array, values: Array, taken: Sequence[float]) -> float:
     """The order, not yet taken, whose sine and cosine over the angle (W,) explain most of values (W,)."""
-    waves = np.exp(1j * ORDERS[:, None] * angle)
-    waves -= waves.mean(axis=1, keepdims=True)
-    power = np.abs(waves @ values) ** 2 / np.maximum(np.sum(np.abs(waves) ** 2, axis=1), 1.0)
-    power[[any(abs(order - other) < APART for other in taken) for order in ORDERS]] = 0.0
-    return float(ORDERS[int(np.argmax(power))])
+    # not whole numbers, which a fit would keep
+    orders = 1e-6 + np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, highest_order(angle), 1.0)])
+    power = power_of(orders, angle, values)
+    power[[any(abs(order - other) < APART for other in taken) for order in orders]] = 0.0
+    return float(orders[int(np.argmax(power))])
+
+
+def power_of(orders: Array, angle: Array, values: Array) -> Array:
+    """(K,) squares of values (W,) that sine and cosine of each order over the angle (W,) explain, the mean aside."""
+    power = np.empty(len(orders))
+    for first in range(0, len(orders), AT_ONCE):
+        waves = np.exp(1j * orders[first : first + AT_ONCE, None] * angle)
+        waves -= waves.mean(axis=1, keepdims=True)
+        squares = np.maximum(np.sum(np.abs(waves) ** 2, axis=1), 1.0)
+        power[first : first + AT_ONCE] = np.abs(waves @ values) ** 2 / squares
+    return power

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import atan2, hypot
+from math import atan2, copysign, hypot
 
 import numpy as np
 from via_core.devices import Device
@@ -65,6 +65,10 @@ def combined(location: Location, start: Start, amounts: Sequence[float]) -> list
                 )
             elif p.name in start.through:
                 values[p.name] = amounts[0] * first[p.name]
+    if start.about:
+        along, across, sign = start.about + values["torque"], start.about * values["angle"], copysign(1.0, start.about)
+        values["torque"] = sign * hypot(along, across) - start.about
+        values["angle"] = atan2(sign * across, sign * along)
     return [float(np.clip(values[p.name], p.low, p.high)) for p in parameters]
 
 

@@ -13,6 +13,7 @@ from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
+from via_gap.candidates.scales import HIGHEST_ORDER, highest_order
 from via_gap.report.binning import bins_of, quantities, rms, six
 from via_gap.report.figures import OrderSpectrum, ResidualBin, ResidualFigure
 from via_gap.residual.inverse_dynamics import InverseDynamics
@@ -20,7 +21,7 @@ from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments
 
 # Periods per turn: quarters, since gears cause fractional orders, then whole numbers (poles times slots).
-ORDERS = np.concatenate([np.arange(0.5, 12.0, 0.25), np.arange(12.0, 61.0)])
+LOW_ORDERS, WHOLE_ORDERS = np.arange(0.5, 12.0, 0.25), np.arange(12.0, HIGHEST_ORDER)
 LEVEL = 0.05  # share of the orders at which noise alone exceeds the level
 
 
@@ -108,7 +109,9 @@ def order_spectra(missing: Sequence[MissingTorque]) -> tuple[OrderSpectrum, ...]
         if not np.isfinite(angle).all():
             continue
         turns = float(np.ptp(angle)) / (2.0 * pi)
-        orders = ORDERS[ORDERS * turns >= 1.0]
+        highest = highest_order(angle)
+        orders = np.concatenate([LOW_ORDERS, WHOLE_ORDERS[highest >= WHOLE_ORDERS]])
+        orders = orders[orders * turns >= 1.0]
         if not len(orders) or len(angle) < 4:
             continue
         before, after = amplitudes(angle, np.stack([each.before, each.after], axis=1), orders)

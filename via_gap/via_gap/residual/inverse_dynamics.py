@@ -40,7 +40,11 @@ ORDER = 3  # of the modulating function
 LONGEST = 4  # times WINDOW at most
 QUIET = 0.1  # of the drive's torque: sensor noise in a window that is long enough
 TAKING = np.r_[  # slots of effects that can reduce the torque of a drive
-    P.torque_gain : P.torque_gain + 3, P.saturation : P.saturation + 3, P.load_friction : P.load_velocity, P.lag
+    P.torque_gain : P.torque_gain + 3,
+    P.saturation : P.saturation + 3,
+    P.torque_deadband : P.torque_deadband + 3,
+    P.load_friction : P.load_velocity,
+    P.lag,
 ]
 SMALLEST = 1e-9  # [N m] of a floor
 LEAST_WHOLE = 0.5  # share of the windows without a gap in their samples

@@ -34,18 +34,20 @@ class Nuisance(DeviceNumber):
 
 
 def nuisances(plant: JointPlant) -> tuple[Nuisance, ...]:
-    """The parameters of a nominal plant that are not zero: inertias, frictions, springs, gravity, servos, damper."""
+    """The parameters of a nominal plant that are not zero: inertias, frictions, springs, gravity, servos, damper.
+
+    The scale of torques is one if the device file states its tolerance.
+    """
     known = plant.device.tolerances
-    return tuple(
-        Nuisance(**vars(each), tolerance=_tolerance(known, each.name))
-        for each in numbers_of(plant.parameters)
-        if each.value != 0.0
-    )
+    found = ((each, _tolerance(known, each.name)) for each in numbers_of(plant.parameters) if each.value != 0.0)
+    return tuple(Nuisance(**vars(each), tolerance=tolerance) for each, tolerance in found if tolerance > 0.0)
 
 
 def _tolerance(known: Tolerances, name: str) -> float:
     """Tolerance in the device file of the parameter that `numbers_of` calls `name`."""
     part, _, what = name.partition(" ")
+    if part == "torque":
+        return known.torque_scale
     if part == "servo":  # of a position drive: kp, kd, torque limit
         return float(getattr(known, what.replace(" ", "_")))
     kind = next(key for key in ("bandwidth", "inertia", "friction", "") if key in what)
@@ -83,6 +85,8 @@ def _entries(content: dict[str, Any], name: str) -> tuple[dict[str, Any], Sequen
         return spring, _SPRINGS.get(spring["law"], ("k",))
     if part == "gravity":
         return content["link"], ("gravity_torque",)
+    if part == "torque":
+        return content, ("torque_scale",)
     entries, key = (content["motors"][int(number) - 1], of_motor) if part == "motor" else (content[part], what)
     return entries, (key.replace("dry", "coulomb").replace(" ", "_"),)
 

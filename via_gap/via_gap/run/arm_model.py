@@ -20,12 +20,15 @@ from via_core.arm_files import ArmFile, read_arm
 from via_core.devices import Device, load_device, parse_device
 from via_core.errors import DeviceError, SignalError
 from via_core.recordings.entries import Constants
+from via_core.robots.description import TORQUE, Number
 from via_core.robots.models import is_model, read_robot
 from via_core.signals import Array
 
 from via_gap.run.describe import Recorded, described
 
 NONE = Constants()
+# Forces of other joints scale with no number of a joint's device, as its own inertia, friction and gravity do.
+TORQUE_SCALE = Number(1.0, "guessed", "torque that acts per torque that is recorded", TORQUE)
 SMOOTHING = 0.03  # [s] half width of the smoothing filter for velocity and acceleration
 
 
@@ -103,6 +106,9 @@ def arm_of_model(model: Path, recording: Path, constants: Constants = NONE) -> A
             f"{', '.join(without)}: state the gains in an MJCF model (<position kp=... kv=...>), record currents, or "
             "diagnose one joint while the others rest: via device new"
         )
+    for each in found:
+        if each.drive == "torque":
+            each.numbers["torque_scale"] = TORQUE_SCALE
     devices = tuple(parse_device(each.text(), each.joint) for each in found)
     reduced = robot.reduced([each.name for each in joints])
     order = np.array([reduced.joints[reduced.getJointId(each.name)].idx_v for each in joints], dtype=np.intp)

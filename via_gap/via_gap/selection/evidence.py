@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import norm
 from via_core.signals import Array
 
-from via_gap.candidates.fit import Fit
+from via_gap.candidates.fit import Fit, event_times
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices
 from via_gap.selection.numbers import NUMBERS
@@ -126,6 +126,21 @@ def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
     """
     factor = NUMBERS.no_gap**2
     return b.mean_square <= factor and a.mean_square > factor * max(b.mean_square, 1.0)
+
+
+def outdone_by(a: Evaluation, b: Evaluation) -> bool:
+    """Whether a is refuted beside b, or lacks an event of b: an effect that begins or ends at a time of the run.
+
+    Resamples assume that blocks are alike, which an event contradicts. It is certain if a leaves more than b in the
+    mean and in the largest error, by more than noise is known: what b leaves shows how large the errors of a model with
+    small faults (a belt, a slow sensor) can be in this log. Of several such events, one is not enough: the others keep
+    the mean up. A few whole runs do not show how large errors can be.
+    """
+    if refuted_beside(a, b) or a.whole or not event_times(b.fit):
+        return refuted_beside(a, b)
+    factor = NUMBERS.no_gap**2
+    pairs = ((np.mean(each.segments), np.max(each.segments)) for each in (a, b))
+    return all(more > factor * max(less, 1.0) for more, less in zip(*pairs, strict=True))
 
 
 def predicts(each: Evaluation, without: Evaluation) -> bool:

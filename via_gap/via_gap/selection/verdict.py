@@ -35,7 +35,7 @@ from via_gap.selection.evidence import (
     clearly_worse,
     freedom,
     losses,
-    refuted_beside,
+    outdone_by,
     resamples,
 )
 from via_gap.selection.experiment import Experiment
@@ -185,7 +185,7 @@ def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None 
 
 def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
     """Whether a model with more effects is clearly and materially better than one with fewer."""
-    return improves(more, fewer, tuned) and clearly_worse(fewer, more)
+    return improves(more, fewer, tuned) and (clearly_worse(fewer, more) or outdone_by(fewer, more))
 
 
 def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
@@ -235,7 +235,7 @@ def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
     """The models in the confidence set of all models as large as the chosen one, the chosen one first."""
     stacked = block_means(np.stack([losses(each, chosen) for each in rivals]), chosen.block)
     kept, _ = confidence_set(stacked, resamples(stacked.shape[1]), NUMBERS.margin, NUMBERS.significance)
-    others = [rivals[k] for k in kept if rivals[k] is not chosen and not refuted_beside(rivals[k], chosen)]
+    others = [rivals[k] for k in kept if rivals[k] is not chosen and not outdone_by(rivals[k], chosen)]
     return [chosen, *others]
 
 

@@ -22,12 +22,15 @@ class Start:
     scaled      names whose distance from neutral is proportional to the amount; others keep the first direction's value
     wave        whether the directions are sine and cosine of `phase` with one `amplitude`
     through     names whose value is proportional to the amount, whatever the neutral value
+    about       torque [N m] of the device that the first direction (`torque`) increases and the second (`angle`) turns,
+                which is linear in its parts along both; 0: no such torque
     """
 
     directions: tuple[Values, ...]
     scaled: tuple[str, ...]
     wave: bool = False
     through: tuple[str, ...] = ()
+    about: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from via_core.signals import Array
 from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL
 
 from via_sim.catalogue.kinds import EffectKind, EffectParameter
-from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, P
+from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
 
 AXES = ("link", "motor 1", "motor 2")
 NAMES = (
@@ -23,6 +23,7 @@ NAMES = (
     *(f"{axis} bandwidth" for axis in AXES[1:]),
     *(f"spring {i} torque" for i in (1, 2)),
     "gravity torque",
+    "torque scale",
     "damper",
     "servo kp",
     "servo kd",
@@ -69,6 +70,8 @@ def numbers_of(row: Array) -> tuple[DeviceNumber, ...]:
         scaled = {ODD_POLYNOMIAL: N_COEFFICIENTS, EXPONENTIAL: 2}.get(int(row[P.spring_kind + i]), 1)
         add(f"spring {i + 1} torque", "-", 1.0, *(start + k for k in range(scaled)))
     add("gravity torque", "N m", row[P.gravity_torque], P.gravity_torque)
+    if row[P.link_drive] == TORQUE_DRIVE or DYNAMIC in row[P.axis_kind + 1 : P.axis_kind + 3]:
+        add("torque scale", "-", row[P.torque_gain], *range(P.torque_gain, P.torque_gain + 3))
     if row[P.damper_site] != NO_DAMPER:
         add("damper", "-", 1.0, P.damper, P.damper + 1)
     if row[P.link_drive] == POSITION_DRIVE:

@@ -7,7 +7,8 @@ from via_sim.catalogue.starts import one
 
 
 def _write(spot: Spot, value: Values) -> None:
-    spot["sensed_gain" if spot.site == "sensor" else "torque_gain"] = value["gain"]
+    slot = "sensed_gain" if spot.site == "sensor" else "torque_gain"
+    spot[slot] = spot[slot] * value["gain"]  # the device file may scale torques as well
 
 
 KIND = EffectKind(

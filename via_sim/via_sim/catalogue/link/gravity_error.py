@@ -5,9 +5,16 @@ from __future__ import annotations
 from math import pi
 
 from via_sim.catalogue.kinds import EffectKind, EffectParameter
-from via_sim.catalogue.starts import each, tenth
+from via_sim.catalogue.starts import Start, Starts, Typical, tenth
 
 _ADDED = "added to the device value"
+_NAMES = ("torque", "angle")
+
+
+def _starts(here: Typical) -> list[Start]:
+    return [Start(({"torque": tenth(here)}, {"angle": 0.1}), _NAMES, about=here.device.link.gravity_torque)]
+
+
 KIND = EffectKind(
     name="gravity_error",
     text="error of the gravity torque, or of the angle at which the link hangs at rest",
@@ -18,5 +25,5 @@ KIND = EffectKind(
         EffectParameter("torque", "N m", -1e3, 1e3, 0.0, _ADDED, True, slot="gravity_torque", adds=True),
         EffectParameter("angle", "rad", -pi, pi, 0.0, _ADDED, slot="gravity_angle", adds=True),
     ),
-    starts=each(torque=tenth, angle=lambda _here: 0.05),
+    starts=Starts(_NAMES, _starts),
 )
