@@ -7,7 +7,8 @@ gravity of its own device file, the rest of the arm acts on joint i with
 
 as the command channel `arm_torque`. The diagnosis of one joint is used unchanged. A missing torque T is part of the
 measured qdd, so that M_i (qdd - qdd_simulated) = T for any M_i: fitted sizes are unbiased although the joint's inertia
-changes with the arm's pose (docs/adr/0006). The angle of the next joint is the channel `neighbour`.
+changes with the arm's pose (docs/adr/0006). The angle of the next joint, of the last one that of the joint before, is
+the channel `neighbour`.
 
 What all joints share is estimated first, from all of them: a mass that the bodies lack (arm_payload.py). Each joint
 alone would take it for an error of its own drive.
@@ -58,9 +59,12 @@ def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
         link = log.device.link
         own = link.inertia * acceleration[:, i] + link.gravity_torque * np.sin(angle[:, i] - link.gravity_angle)
         sent = Signals(time, {}, {}) if log.commands is None else log.commands.resample(time)
-        known = {"arm_torque": own - whole[:, i], "neighbour": angle[:, i + 1 if i + 1 < len(logs) else i - 1]}
+        known = {"arm_torque": own - whole[:, i]}
+        if len(logs) > 1:
+            known["neighbour"] = angle[:, i + 1 if i + 1 < len(logs) else i - 1]
         channels = {**sent.channels, **known}
-        commands = Signals(time, channels, {**sent.units, **UNITS}, frozenset(channels))
+        units = {name: unit for name, unit in {**sent.units, **UNITS}.items() if name in channels}
+        commands = Signals(time, channels, units, frozenset(channels))
         made.append(replace(log, commands=commands))
     return made
 

@@ -41,7 +41,7 @@ COMMANDS = {
     ),
     "gap exports": Entry(
         "via_validation.commands.gap_exports:exports",
-        "Export repairs of sealed cases and real robots, and compare the gap in MuJoCo with that of their reports.",
+        "Export repairs of sealed cases and real robots to MuJoCo, URDF and SDF, and compare the gap in MuJoCo.",
     ),
     "gap real": Entry(
         "via_validation.commands.gap_real:real",
