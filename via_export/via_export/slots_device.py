@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import prod
+
 from via_core.device_parts import Linear, TorqueMotor
 from via_sim.effects import Effect
 
@@ -35,6 +37,12 @@ def _speed_limited(target: Target, _effect: Effect | None) -> bool:
 
 def _weighs(target: Target, _effect: Effect | None) -> bool:
     return target.device.link.gravity_torque != 0.0
+
+
+def _scaled(target: Target, _effect: Effect | None) -> bool:
+    """Whether the torque scale of the file, with the factor that a diagnosis fitted, is not 1."""
+    factors = (effect.parameters.get("torque scale", 1.0) for effect in target.effects)
+    return prod(factors, start=target.device.torque_scale) != 1.0
 
 
 DEVICE_ROWS = (
@@ -112,6 +120,15 @@ DEVICE_ROWS = (
         mjcf="- speed is not limited: keep commands within the limit", urdf="= limit/velocity", sdf="= limit/velocity",
         isaaclab="= velocity_limit", bam="- speed is limited by the supply alone",
         ros2_control="= joint_limits max_velocity",
+    ),
+    row(
+        "torque_scale", "", _scaled,
+        mjcf="= actuator gainprm",
+        urdf="~ limit/effort times scale | commands themselves are not scaled",
+        sdf="~ limit/effort times scale | torque commands are not scaled",
+        isaaclab="~ effort_limit times scale | torque commands are not scaled",
+        bam="= kt/R, with --supply",
+        ros2_control="~ limits of the command times scale | commands themselves are not scaled",
     ),
     row(
         "servo: kp, kd", "position drive", position_drive,
