@@ -116,6 +116,13 @@ def test_a_replaced_position_drive_keeps_the_range_of_its_goals(robot: Path) -> 
     assert model.actuator("torque").ctrlrange == pytest.approx([-0.5, 1.0])  # [rad]
 
 
+def test_elements_with_memory_need_an_integrator_that_updates_them(robot: Path) -> None:
+    sticks = Effect("stribeck_friction", "link", {"breakaway": 0.3, "kinetic": 0.1, "velocity": 0.5})
+    notes = export(load_device("dfki_simple_pendulum"), [sticks], "mjcf", into=robot, joint="shoulder").notes
+    assert any("needs 6.25e-05 s, best with Euler" in note for note in notes)
+    assert any("RK4 holds bristles" in note for note in notes)
+
+
 @pytest.mark.parametrize(("side", "ends"), [(1.0, (-170.0, 40.0)), (-1.0, (40.0, 170.0))])
 def test_a_wall_replaces_one_end_of_the_range(robot: Path, side: float, ends: tuple[float, float]) -> None:
     wall = Effect(
