@@ -108,6 +108,26 @@ def test_the_strongest_order_is_found_as_far_as_windows_show_it():
     slow, fast = (np.linspace(0.0, 2.0 * np.pi * turns, 900) for turns in (1.0, 12.0))
     for angle, order in ((slow, 160.0), (fast, 30.0)):
         torque = np.sin(order * angle + 0.4) + 0.5 * np.sin(7.0 * angle)
-        assert strongest_order(angle, torque, ()) == pytest.approx(order, abs=1e-3)
-        assert strongest_order(angle, torque, (order,)) == pytest.approx(7.0, abs=1e-3)
+        assert strongest_order(angle, torque, (), highest_order(angle)) == pytest.approx(order, abs=1e-3)
+        assert strongest_order(angle, torque, (order,), highest_order(angle)) == pytest.approx(7.0, abs=1e-3)
     assert highest_order(slow) > 160.0 and highest_order(fast) == SCREENED
+
+
+def test_high_orders_that_fit_noise_by_chance_replace_no_low_one(monkeypatch):
+    """Slow motion over a turn shows hundreds of orders, more than half as many as there are windows."""
+    random, low = np.random.default_rng(7), (7, 12, 14, 28, 36)
+    angle = 2.0 * np.pi * np.sort(random.uniform(0.0, 1.0, 500))
+    torque = sum(a * np.sin(n * angle + n) for n, a in zip(low, (0.05, 0.014, 0.016, 0.025, 0.012), strict=True))
+    torque = torque + 0.006 * random.standard_normal(len(angle))
+    assert highest_order(angle) > 200.0
+    monkeypatch.setattr("via_gap.candidates.orders._missing", lambda *_: (angle, torque))
+    whole = torque_waves(None, angle, 1, 5)[0]
+    assert sorted(order for _, order, _ in whole) == list(low)
+
+
+def test_a_high_order_explains_what_low_ones_leave(monkeypatch):
+    angle = np.linspace(0.0, 2.0 * np.pi, 900)
+    torque = 2.0 * np.sin(100.0 * angle + 0.3) + 0.5 * np.sin(50.0 * angle)
+    monkeypatch.setattr("via_gap.candidates.orders._missing", lambda *_: (angle, torque))
+    for choice in torque_waves(None, angle, 1, 8):
+        assert {round(order) for _, order, _ in choice[:2]} == {50, 100}

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from via_core.signals import Array
 
 from via_gap.candidates.fit import Fit
-from via_gap.candidates.scales import highest_order, power_of, strongest_order
+from via_gap.candidates.scales import SCREENED, highest_order, power_of, strongest_order
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 
 MATERIAL = 0.05  # share of the rest that one more order must explain
 ENCODER_ORDERS = range(1, 41)  # periods per turn of the encoder
-TORQUE_ORDERS = 80  # whole periods per turn of the motor: the strongest ones
+MOST_HIGH = 80  # orders beyond SCREENED that are tried
 PASSES = 3  # of exchanges
 SMALL = 0.1  # of the fitted amplitude: change that is simulated
 
@@ -129,32 +129,46 @@ def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> 
     angle, torque = _missing(equations, row, axis)
     if not len(torque):
         return []
-    orders = _strongest_whole(angle, torque)
-    columns = np.stack([wave(orders * angle[:, None]) for wave in (np.sin, np.cos)], axis=2).reshape(len(angle), -1)
-    kept = _pursued(columns, np.ones((len(angle), 1)), torque, most)
-    chosen = [orders[kept].tolist(), _free_orders(angle, torque, most)]
+    chosen = [_whole_orders(angle, torque, most), _free_orders(angle, torque, most)]
     return [_fitted_waves(angle, torque, each) for each in chosen if each]
 
 
-def _strongest_whole(angle: Array, torque: Array) -> Array:
-    """(n,) the whole orders, ascending, whose sine and cosine explain most of torque (W,), each for itself."""
-    orders = np.arange(1.0, int(highest_order(angle)) + 1.0)
-    power = power_of(orders, angle, torque - torque.mean())
-    return orders[np.sort(np.argsort(-power, kind="stable")[:TORQUE_ORDERS])]
+def _whole_orders(angle: Array, torque: Array, most: int) -> list[float]:
+    """At most `most` whole orders of torque (W,).
+
+    Orders beyond SCREENED, of which there can be more than windows, only explain what the others leave.
+    """
+    low, constant = np.arange(1.0, SCREENED + 1.0), np.ones((len(angle), 1))
+    kept = low[_pursued(_columns(angle, low), constant, torque, most)]
+    high = np.arange(SCREENED + 1.0, highest_order(angle))
+    power = power_of(high, angle, _left(angle, torque, kept.tolist()))
+    orders = np.append(kept, high[np.argsort(-power, kind="stable")[:MOST_HIGH]])
+    return orders[_pursued(_columns(angle, orders), constant, torque, most, range(len(kept)))].tolist()
 
 
 def _free_orders(angle: Array, torque: Array, most: int) -> list[float]:
-    """At most `most` orders of torque (W,), on a grid finer than whole numbers."""
+    """At most `most` orders of torque (W,), on a grid finer than whole numbers; high ones as in `_whole_orders`."""
     kept: list[float] = []
     rest = torque - torque.mean()
-    while len(kept) < most:
-        more = [*kept, strongest_order(angle, rest, kept)]
-        design = _design(angle, more)
-        left = torque - design @ np.linalg.lstsq(design, torque, rcond=None)[0]
-        if left @ left > (1.0 - MATERIAL) * (rest @ rest):
-            break
-        kept, rest = more, left
+    for highest in (SCREENED, highest_order(angle)):
+        while len(kept) < most:
+            more = [*kept, strongest_order(angle, rest, kept, highest)]
+            left = _left(angle, torque, more)
+            if left @ left > (1.0 - MATERIAL) * (rest @ rest):
+                break
+            kept, rest = more, left
     return kept
+
+
+def _columns(angle: Array, orders: Array) -> Array:
+    """(W, 2 n) sine and cosine of each order in turn."""
+    return np.stack([wave(orders * angle[:, None]) for wave in (np.sin, np.cos)], axis=2).reshape(len(angle), -1)
+
+
+def _left(angle: Array, torque: Array, orders: Sequence[float]) -> Array:
+    """What these orders and a constant leave of torque (W,)."""
+    design = _design(angle, orders)
+    return np.asarray(torque - design @ np.linalg.lstsq(design, torque, rcond=None)[0])
 
 
 def _fitted_waves(angle: Array, torque: Array, orders: Sequence[float]) -> list[Wave]:

@@ -153,7 +153,7 @@ def _orders(segments: Sequence[Segments], missing: Sequence[MissingTorque | None
     values = np.concatenate([m.torque[:, m.axes.index(axis)] for _, m in pairs])
     kept: list[float] = []
     for _ in range(KEPT_ORDERS):
-        kept.append(strongest_order(angle, values - values.mean(), kept))
+        kept.append(strongest_order(angle, values - values.mean(), kept, highest_order(angle)))
     return tuple(kept)
 
 
@@ -166,10 +166,10 @@ def highest_order(angle: Array) -> float:
     return min(max(np.pi / max(step, 1e-9), SCREENED), HIGHEST_ORDER)
 
 
-def strongest_order(angle: Array, values: Array, taken: Sequence[float]) -> float:
-    """The order, not yet taken, whose sine and cosine over the angle (W,) explain most of values (W,)."""
+def strongest_order(angle: Array, values: Array, taken: Sequence[float], highest: float) -> float:
+    """The order up to `highest`, not yet taken, that explains most of values (W,) by its waves over the angle (W,)."""
     # not whole numbers, which a fit would keep
-    orders = 1e-6 + np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, highest_order(angle), 1.0)])
+    orders = 1e-6 + np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, highest, 1.0)])
     power = power_of(orders, angle, values)
     power[[any(abs(order - other) < APART for other in taken) for order in orders]] = 0.0
     return float(orders[int(np.argmax(power))])

@@ -14,14 +14,15 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from via_core.signals import Array
 
-from via_gap.candidates.scales import highest_order, power_of
+from via_gap.candidates.scales import power_of
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.selection.basis import Basis, Wave, ticks_of
 
 RIDGES = np.geomspace(1e-6, 1e1, 8)  # of the mean squared size of a function
 FOLDS = 4
 BLOCK = 4  # segments that are left out together
-WAVES = 12  # of the angle: those that explain most, each alone
+ORDERS = range(1, 61)  # waves per turn that are searched
+WAVES = 12  # of them that are used: those that explain most, each alone
 
 
 def torque_bound(
@@ -73,9 +74,8 @@ def _orders(views: Sequence[InverseDynamics], left: Sequence[Array]) -> list[int
     axes = len(views[0].windows.axes)
     angle = np.concatenate([_middle(each).ravel() for each in views])
     values = np.concatenate([_axis(each, 0, axes).ravel() for each in left])
-    orders = np.arange(1, int(highest_order(angle)) + 1)
-    worth = power_of(orders.astype(np.float64), angle, values - values.mean())
-    return [int(orders[k]) for k in np.argsort(-worth)[:WAVES]]
+    worth = power_of(np.array(ORDERS, dtype=np.float64), angle, values - values.mean())
+    return [ORDERS[k] for k in np.argsort(-worth)[:WAVES]]
 
 
 def _middle(view: InverseDynamics) -> Array:
