@@ -258,14 +258,15 @@ def test_a_file_that_is_no_report_is_refused_in_words(via, tmp_path, content):
 def test_record_play_sim_and_run_execute_their_nodes(via, started):
     assert via("bag", "record", "ünï 😀", "/x", "--max-bag-duration", "5")[0] == 0
     given = ('bag:="ünï 😀"', "max_bag_duration:=5.0", 'topics:=["/x"]')
-    assert started[-1][1:] == ["--ros-args", *(word for each in given for word in ("-p", each))]
+    chosen = [word for each in given for word in ("-p", each)]
+    assert started[-1][1:] == ["--ros-args", *chosen, "--ros-args", "--enclave", "/via/recorder"]
     assert via("bag", "play", "bag", "--rate", "0", "--topic", "/x", "--listeners", "2")[0] == 0
     assert started[-1][2:8] == ["-p", 'bag:="bag"', "-p", "rate:=0.0", "-p", "subscribers:=2"]
     assert via("sim", "maccepavd", "--rate", "500")[0] == 0
     assert Path(started[-1][0]).parts[-3:] == ("lib", "via_sim", "simulator")
     assert 'device:="maccepavd"' in started[-1] and "rate:=500.0" in started[-1]
     assert via("run", "via_ros", "player", "--ros-args", "-p", "bag:=x")[0] == 0
-    assert started[-1][1:] == ["--ros-args", "-p", "bag:=x"]
+    assert started[-1][1:] == ["--ros-args", "-p", "bag:=x", "--ros-args", "--enclave", "/via/player"]
 
 
 @pytest.mark.parametrize(

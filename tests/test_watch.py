@@ -164,6 +164,8 @@ def test_the_server_of_the_page_is_reached_from_this_host_only_and_the_page_conn
     pytest.importorskip("rerun", reason="needs make view")
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
+    own = psutil.Process()
+    before = own.children(recursive=True)
     with viewer(port) as (address, _):
         content = b""
         while b"wasm" not in content:  # until the server behind has started
@@ -172,8 +174,7 @@ def test_the_server_of_the_page_is_reached_from_this_host_only_and_the_page_conn
                     content, policy = answer.read(), answer.headers["Content-Security-Policy"]
             except HTTPError:
                 time.sleep(0.1)
-        own = psutil.Process()
-        processes = [own, *own.children(recursive=True)]
+        processes = [own, *(each for each in own.children(recursive=True) if each not in before)]
         listening = {
             each.laddr for one in processes for each in one.net_connections("tcp") if each.status == psutil.CONN_LISTEN
         }

@@ -104,6 +104,14 @@ def test_a_fault_is_found_and_named(device, name):
     assert whole is not None and whole.fault.text == fault.text and whole.share > 0.9
 
 
+def test_a_gap_longer_than_an_interval_is_no_fault_and_hides_none():
+    sound = moved(CUBIC, noise=0.01)
+    later = sound._replace(time=np.where(sound.time < np.median(sound.time), sound.time, sound.time + 5.0))
+    assert faulty_time(CUBIC, later) is None
+    whole = faulty_time(CUBIC, later._replace(torque=-later.torque))
+    assert whole is not None and "wrong sign" in whole.fault.text
+
+
 def test_torques_of_another_device_have_no_name_but_are_impossible():
     rng = np.random.default_rng(2)
     samples = moved(CUBIC)

@@ -110,9 +110,10 @@ def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
 
 
 def _intervals(samples: Samples, length: float) -> list[tuple[float, float, Samples]]:
-    """Begin, end [s] and samples of successive intervals of `length` [s]."""
+    """Begin, end [s] and samples of successive intervals of `length` [s], without those in a gap of the recording."""
     ends = np.arange(samples.time[0] + length, samples.time[-1] + 1e-9, length)
-    return [(float(end) - length, float(end), samples.between(end - length, end)) for end in ends]
+    every = ((float(end) - length, float(end), samples.between(end - length, end)) for end in ends)
+    return [each for each in every if len(each[2].time)]
 
 
 def _explains(device: Device, samples: Samples, fault: Fault) -> bool:

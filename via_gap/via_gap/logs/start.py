@@ -22,7 +22,7 @@ from via_gap.logs.noise import channel_noise
 
 WINDOWS = (5, 9, 17, 33, 65)  # samples
 FIRST = 9  # samples among which one must be finite, and one may be a spike
-SPIKE = 10.0  # standard deviations, of the other residuals of a parabola
+SPIKE = 10.0  # standard deviations: of noise, and of the other residuals of a parabola
 HIGHEST = 3  # degree
 NEAR = 2000  # samples whose noise is taken
 NORMAL_MEDIAN = 0.6745  # of the absolute value of a standard normal number
@@ -41,10 +41,12 @@ def motion_at_start(time: Array, values: Array) -> tuple[float, float]:
     there = np.isfinite(values)
     if not np.any(there[:FIRST]):
         return nan, nan
-    t, x = _without_spike(time[there] - time[0], values[there])
+    t, x = time[there] - time[0], values[there]
+    noise = channel_noise(t[:NEAR], x[:NEAR]).sd
+    t, x = _without_spike(t, x, noise)
     if len(x) < WINDOWS[0]:
         return float(np.median(x)), 0.0
-    noise = max(channel_noise(t[:NEAR], x[:NEAR]).sd, _unevenness(x[: WINDOWS[-1]]))
+    noise = max(noise, _unevenness(x[: WINDOWS[-1]]))
     tried = [
         _fit(t[:count], x[:count], degree, noise)
         for count in WINDOWS
@@ -59,14 +61,14 @@ def motion_at_start(time: Array, values: Array) -> tuple[float, float]:
     return best.angle, best.velocity
 
 
-def _without_spike(t: Array, x: Array) -> tuple[Array, Array]:
+def _without_spike(t: Array, x: Array, noise: float) -> tuple[Array, Array]:
     """The samples without one among the first that is far from the parabola through the others there."""
     if len(x) < FIRST:
         return t, x
     basis = np.linalg.qr(np.vander(t[:FIRST], 3))[0]
     left = x[:FIRST] - basis @ (basis.T @ x[:FIRST])
     share = left**2 / (1.0 - np.sum(basis**2, axis=1))  # of the sum of squares, due to each sample
-    rest = np.maximum(np.sum(left**2) - share, 0.0) / (FIRST - 4)
+    rest = np.maximum((np.sum(left**2) - share) / (FIRST - 4), noise**2)
     worst = int(np.argmax(share - SPIKE**2 * rest))
     if share[worst] <= SPIKE**2 * rest[worst]:
         return t, x
