@@ -131,3 +131,14 @@ def test_a_high_order_explains_what_low_ones_leave(monkeypatch):
     monkeypatch.setattr("via_gap.candidates.orders._missing", lambda *_: (angle, torque))
     for choice in torque_waves(None, angle, 1, 8):
         assert {round(order) for _, order, _ in choice[:2]} == {50, 100}
+
+
+def test_no_high_order_is_found_in_noise(monkeypatch):
+    """Of 30 logs, two or three may have one by chance; with the share of low orders alone more than half do."""
+    random, found = np.random.default_rng(11), 0
+    for _ in range(30):
+        angle = np.linspace(0.0, 2.0 * np.pi, 168) * 0.4
+        torque = 0.05 * np.sin(7.0 * angle) + 0.004 * random.standard_normal(len(angle))
+        monkeypatch.setattr("via_gap.candidates.orders._missing", lambda *_, a=angle, t=torque: (a, t))
+        found += any(order > SCREENED for choice in torque_waves(None, angle, 1, 8) for _, order, _ in choice)
+    assert found <= 5

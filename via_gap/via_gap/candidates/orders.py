@@ -29,6 +29,7 @@ from via_gap.residual.residual_model import ResidualModel
 
 MATERIAL = 0.05  # share of the rest that one more order must explain
 ENCODER_ORDERS = range(1, 41)  # periods per turn of the encoder
+CHANCE = 0.05
 MOST_HIGH = 80  # orders beyond SCREENED that are tried
 PASSES = 3  # of exchanges
 SMALL = 0.1  # of the fitted amplitude: change that is simulated
@@ -52,10 +53,13 @@ def encoder_waves(problem: ResidualModel, fit: Fit, number: int, most: int) -> l
     return _waves([float(ENCODER_ORDERS[k]) for k in kept], amounts)
 
 
-def _pursued(columns: Array, beside: Array, target: Array, most: int, given: Sequence[int] = ()) -> list[int]:
+def _pursued(
+    columns: Array, beside: Array, target: Array, most: int, given: Sequence[int] = (), share: float = MATERIAL
+) -> list[int]:
     """Indices of at most `most` orders, `given` first, that explain `target` (R,) beside columns (R, b).
 
-    columns (R, 2 n): sine and cosine of n orders in turn. Their triangular factor has the same inner products in fewer
+    share    of the rest that one more order must explain
+    columns  (R, 2 n): sine and cosine of n orders in turn. Their triangular factor has the same inner products in fewer
     rows.
     """
     together = np.linalg.qr(np.column_stack([beside, columns, target]), mode="r")
@@ -70,7 +74,7 @@ def _pursued(columns: Array, beside: Array, target: Array, most: int, given: Seq
         gains = np.array([np.sum((np.linalg.qr(free[:, 2 * k : 2 * k + 2])[0].T @ left) ** 2) for k in pairs_of])
         gains[list(others)] = 0.0
         best = int(np.argmax(gains))
-        return best, bool(gains[best] >= MATERIAL * float(left @ left))
+        return best, bool(gains[best] >= share * float(left @ left))
 
     while len(kept) < min(most, len(pairs_of)):
         order, material = best_beside(kept)
@@ -136,28 +140,41 @@ def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> 
 def _whole_orders(angle: Array, torque: Array, most: int) -> list[float]:
     """At most `most` whole orders of torque (W,).
 
-    Orders beyond SCREENED, of which there can be more than windows, only explain what the others leave.
+    Orders beyond SCREENED, of which there can be more than windows, only explain what the others leave, and more of it
+    than chance.
     """
     low, constant = np.arange(1.0, SCREENED + 1.0), np.ones((len(angle), 1))
     kept = low[_pursued(_columns(angle, low), constant, torque, most)]
     high = np.arange(SCREENED + 1.0, highest_order(angle))
     power = power_of(high, angle, _left(angle, torque, kept.tolist()))
     orders = np.append(kept, high[np.argsort(-power, kind="stable")[:MOST_HIGH]])
-    return orders[_pursued(_columns(angle, orders), constant, torque, most, range(len(kept)))].tolist()
+    share = _beyond_chance(len(high), len(angle))
+    return orders[_pursued(_columns(angle, orders), constant, torque, most, range(len(kept)), share)].tolist()
 
 
 def _free_orders(angle: Array, torque: Array, most: int) -> list[float]:
     """At most `most` orders of torque (W,), on a grid finer than whole numbers; high ones as in `_whole_orders`."""
     kept: list[float] = []
     rest = torque - torque.mean()
-    for highest in (SCREENED, highest_order(angle)):
+    most_of_all = highest_order(angle)
+    bands = ((SCREENED, MATERIAL), (most_of_all, _beyond_chance(most_of_all - SCREENED, len(angle))))
+    for highest, share in bands:
         while len(kept) < most:
             more = [*kept, strongest_order(angle, rest, kept, highest)]
             left = _left(angle, torque, more)
-            if left @ left > (1.0 - MATERIAL) * (rest @ rest):
+            if left @ left > (1.0 - share) * (rest @ rest):
                 break
             kept, rest = more, left
     return kept
+
+
+def _beyond_chance(orders: float, windows: int) -> float:
+    """Share of noise that the best of so many orders explains with a probability of CHANCE, MATERIAL at least.
+
+    A sine and a cosine explain more than a share s of n independent values with probability (1 - s)^(n / 2). Windows
+    overlap by half: half of them are independent.
+    """
+    return max(MATERIAL, 1.0 - (CHANCE / max(orders, 1.0)) ** (4.0 / windows))
 
 
 def _columns(angle: Array, orders: Array) -> Array:
