@@ -54,8 +54,9 @@ def test_every_launch_file_is_started():
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_data_arrive_and_ctrl_c_ends_every_node(graph, folder, name):
+def test_data_arrive_and_ctrl_c_ends_every_node(graph, folder, name, monkeypatch):
     given, topic = CASES[name]
+    monkeypatch.chdir(folder)  # a launch file may write files when its nodes are listed
     log = folder / "log.txt"
     with log.open("wb") as output:
         process = subprocess.Popen(["via", "launch", name, *given], cwd=folder, stdout=output, stderr=output)

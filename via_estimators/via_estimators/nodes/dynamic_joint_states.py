@@ -74,7 +74,7 @@ class DynamicJointStatesNode(Node):
         for quantity in QUANTITIES:
             estimate = self._estimates.get(quantity)
             interfaces += [quantity, f"{quantity}_standard_deviation"]
-            if estimate is not None and Status(estimate.status) is Status.OK:
+            if estimate is not None and estimate.status == Status.OK:
                 values += [estimate.value, estimate.standard_deviation]
             else:
                 values += [nan, nan]

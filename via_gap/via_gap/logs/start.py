@@ -4,7 +4,7 @@ Polynomials of degree 0 to 3 are fitted to the first 5 to 65 samples. Those with
 are dropped. Of the others the one with the least variance of the velocity is used, if its velocity agrees with that of
 every fit of larger variance: a joint at rest gives a constant, which has the velocity zero, and the quicker the motion,
 the shorter the window or the higher the degree. If none is left, it is the cubic through the first five. A spike among
-the first samples is left out.
+the first samples is left out. A motion of less than a step of the encoder within some tens of samples counts as rest.
 
 Source: intersection of confidence intervals: Goldenshluger, Nemirovski, On spatially adaptive estimation of
 nonparametric regression, Math. Methods Statist. 6 (1997).
