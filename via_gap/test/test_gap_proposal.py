@@ -96,6 +96,14 @@ def test_nothing_is_proposed_where_nothing_is_open():
     assert len(tied(both.model_copy(update={"verdict": "cannot_tell", "equivalence_set": ()}))) == 2
 
 
+def test_a_cause_that_no_motion_keeps_within_the_limits_prevents_no_proposal():
+    """A log whose error does not repeat can leave a push among its causes."""
+    device, push = flexible(), Effect("external_torque", "environment", {"torque": 9.0, "start": 0.0, "stop": 9.0})
+    assert propose(undecided(device, push, COULOMB), device) is None
+    proposed = propose(undecided(device, push, DAHL, BACKLASH), device)
+    assert {each.name for each in proposed.separates} == {"presliding_friction", "backlash"}
+
+
 def test_a_report_of_another_device_is_refused():
     report = undecided(flexible(), COULOMB, BACKLASH)
     with pytest.raises(ParameterError, match="not those of"):

@@ -16,7 +16,7 @@ def rms(values):
     return np.sqrt(np.mean(np.square(values)))
 
 
-# Slower than a step in some tens of samples, a motion of a coarse encoder cannot be told from rest.
+# Slower than a step in some tens of samples, a coarse encoder shows rest.
 @pytest.mark.parametrize(
     ("rate", "noise", "step", "speed"),
     [(1000.0, 1e-3, 0.0, 0.05), (1000.0, 0.0, 1e-3, 0.2), (100.0, 2e-4, 0.0, 0.05)]

@@ -37,7 +37,7 @@ def propose_motion(
     with working("searching for a motion that separates tied causes"):
         found = propose(saved, described, reach)
     if found is None:
-        answers.print("nothing to decide: the report has no tied causes")
+        answers.print("nothing to decide: the report has no tied causes that a motion within the limits separates")
         if out is not None:
             motion, commands = general_motion(described, reach)
             write_motion(out, described, commands)

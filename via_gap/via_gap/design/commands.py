@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil, inf
 
 import numpy as np
@@ -88,6 +89,19 @@ def recorded(plant: JointPlant, commands: Signals, start: Array, seed: int) -> J
         return None
     seen = {name: values for name, values in run.measured.channels.items() if np.isfinite(values).any()}
     return JointLog("proposed", device, Signals(run.measured.time, seen, run.measured.units), commands)
+
+
+def all_within_limits(
+    plants: Sequence[JointPlant], commands: Signals, start: Array, size: float
+) -> list[JointLog] | None:
+    """What the sensors would record of each plant, see `recorded`; None unless all keep within limits."""
+    logs: list[JointLog] = []
+    for seed, plant in enumerate(plants):
+        log = recorded(plant, commands, start, seed)
+        if log is None or not within_limits(log, size):
+            return None
+        logs.append(log)
+    return logs
 
 
 def within_limits(log: JointLog, size: float) -> bool:

@@ -19,10 +19,10 @@ from via_core.signals import Array, Signals
 from via_sim.plants import JointPlant
 
 from via_gap.candidates.location import Location
-from via_gap.design.commands import RANGE, commands_of, recorded, within_limits
+from via_gap.design.commands import RANGE, all_within_limits, commands_of
 from via_gap.design.imitation import TiedCause
 from via_gap.design.motions import DURATION, MOTIONS, Motion
-from via_gap.logs.noise import LogNoise, log_noise
+from via_gap.logs.noise import log_noise
 from via_gap.report.report import Cause, EffectLocation, GapReport, Proposal
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_with_noise
@@ -102,11 +102,13 @@ def with_proposal(report: GapReport, device: Device) -> GapReport:
 
 
 def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed | None:
-    """The motion that separates the tied causes of `report` best; None where nothing is tied.
+    """The motion that separates the tied causes of `report` best; None where none are tied that a motion can separate.
+
+    A cause under which no motion keeps within the limits, such as a strong push, is left out if it prevents all.
 
     reach  [rad] largest motor angle from rest
 
-    Raises ParameterError where the report is of another device or no motion keeps within its limits.
+    Raises ParameterError where the report is of another device.
     """
     blank = ResidualModel.of_plant(JointPlant.from_device(device))
     found = {value.name: value.offset for value in report.nuisance}
@@ -116,13 +118,21 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
     if len(causes) < 2:
         return None
     offsets = np.array([found[nuisance.name] for nuisance in blank.nuisances])
+    proposals = _proposals(blank, causes, offsets, reach)
+    if not proposals:
+        plants = _plants(blank, causes, offsets)
+        causes = [c for c, plant in zip(causes, plants, strict=True) if _keeps(plant, SMALLER[-1] * reach)]
+        proposals = _proposals(blank, causes, offsets, reach) if len(causes) > 1 else []
+    return max(proposals, key=lambda each: each.score, default=None)
+
+
+def _proposals(blank: ResidualModel, causes: Sequence[TiedCause], offsets: Array, reach: float) -> list[Proposed]:
+    """Every motion of the family in the largest size that keeps within limits whichever cause is true."""
     made = []
     for motion in MOTIONS:
         sizes = (_tried(blank, causes, offsets, motion, share * reach) for share in SMALLER)
         made += [each for each in sizes if each is not None][:1]
-    if not made:
-        raise ParameterError(f"no motion of the family keeps '{device.name}' within its limits under every cause")
-    return max(made, key=lambda each: each.score)
+    return made
 
 
 def general_motion(device: Device, reach: float = RANGE, name: str = "ladder of speeds") -> tuple[Motion, Signals]:
@@ -134,28 +144,36 @@ def general_motion(device: Device, reach: float = RANGE, name: str = "ladder of 
     motion = next(each for each in MOTIONS if each.name == name)
     for size in (share * reach for share in SMALLER):
         commands, start = commands_of(plant, motion, size)
-        log = recorded(plant, commands, start, seed=0)
-        if log is not None and within_limits(log, size):
+        if all_within_limits([plant], commands, start, size):
             return motion, commands
     raise ParameterError(f"'{motion.name}' does not keep '{device.name}' within its limits")
+
+
+def _plants(blank: ResidualModel, causes: Sequence[TiedCause], offsets: Array) -> list[JointPlant]:
+    """The joint with each cause."""
+    return [JointPlant(blank.device, blank.row([each.effect()], offsets), (each.effect(),)) for each in causes]
+
+
+def _keeps(plant: JointPlant, size: float) -> bool:
+    """Whether any motion of this size keeps the plant within limits."""
+    return any(all_within_limits([plant], *commands_of(plant, motion, size), size) for motion in MOTIONS)
 
 
 def _tried(
     blank: ResidualModel, causes: Sequence[TiedCause], offsets: Array, motion: Motion, size: float
 ) -> Proposed | None:
     """The motion of this size, if it keeps within limits whichever cause is true."""
-    plants = [JointPlant(blank.device, blank.row([each.effect()], offsets), (each.effect(),)) for each in causes]
+    plants = _plants(blank, causes, offsets)
     commands, start = commands_of(plants[0], motion, size)
+    logs = all_within_limits(plants, commands, start, size)
+    if logs is None:
+        return None
     problems: list[tuple[ResidualModel, Array]] = []
-    noise: LogNoise | None = None  # of the same sensors in every log
-    for seed, each in enumerate(plants):
-        log = recorded(each, commands, start, seed)
-        if log is None or not within_limits(log, size):
-            return None
-        noise = noise or log_noise(log)
+    noise = log_noise(logs[0])  # of the same sensors in every log
+    for log, plant in zip(logs, plants, strict=True):
         segments = cut_with_noise(log, noise)
         problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
-        problems.append((problem, problem.per_segment(problem.residual([each.parameters])[0])))
+        problems.append((problem, problem.per_segment(problem.residual([plant.parameters])[0])))
     hardest, pair, apart = inf, (causes[0].location, causes[1].location), 0.0
     for (true, (problem, own)), (other, _) in permutations(zip(causes, problems, strict=True), 2):
         if other.includes(true.location):
