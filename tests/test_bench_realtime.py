@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
+from select import select
 
 import pytest
 from via_core.errors import ViaError
 from via_validation.bench.realtime import page
+from via_validation.bench.realtime import run as measuring
 from via_validation.bench.realtime.loop import MESSAGES
 from via_validation.bench.realtime.rows import RUNS, rows
 from via_validation.bench.realtime.run import Loop, Worker, run
@@ -32,7 +35,12 @@ def test_every_sample_of_these_nodes_is_answered_and_estimated(processes):
     assert loop.granted.keys() == {"SCHED_FIFO", "affinity", "memory locking"}
 
 
-def test_the_plain_loop_runs_as_long(domain):
+def test_the_plain_loop_runs_as_long_though_the_process_that_measures_looks_late(monkeypatch):
+    def late(*arguments):
+        time.sleep(4 * SECONDS)
+        return select(*arguments)
+
+    monkeypatch.setattr(measuring, "select", late)
     loop = run("plain", 1, SECONDS, lambda step, share: None)
     assert loop.seconds >= 0.9 * SECONDS
     assert 0 < loop.answered <= loop.samples <= 1001 and 0.0 <= loop.late < 1.0 and loop.lost >= 0

@@ -62,13 +62,14 @@ class Worker:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         self._process = subprocess.Popen(
             [*words, ",".join(map(str, cores)), *roles],
-            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
+            env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            bufsize=0,  # a line that a buffer holds is not seen by select
         )  # fmt: skip
         self.roles = roles
         self.granted: dict[str, str] = json.loads(self._line())
 
     @property
-    def _output(self) -> IO[str]:
+    def _output(self) -> IO[bytes]:
         assert self._process.stdout is not None
         return self._process.stdout
 
@@ -76,7 +77,7 @@ class Worker:
         line = self._output.readline()
         if not line:
             raise ViaError(f"the process of {', '.join(self.roles)} ended with code {self._process.wait()}")
-        return line.strip()
+        return line.decode().strip()
 
     def until(self, line: str, meanwhile: Callable[[], None]) -> None:
         """Wait until it prints this line; `meanwhile` is called all the while."""
@@ -98,7 +99,7 @@ class Worker:
     def counts(self) -> dict[str, dict[str, float]]:
         """Counts of its nodes by role."""
         assert self._process.stdin is not None
-        print(file=self._process.stdin, flush=True)
+        self._process.stdin.write(b"\n")
         counts: dict[str, dict[str, float]] = json.loads(self._line())
         return counts
 
