@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from select import select
 from typing import IO, Any
 
+import numpy as np
 from via_core.errors import ViaError
 from via_ros.domains import reserved_domain
 
@@ -28,6 +29,7 @@ Show = Callable[[str, float], None]  # what is done, and the share done, NaN if 
 class Loop:
     """One run.
 
+    seconds     from the last look before the loop began, at most LOOK earlier, to its end
     samples     published by the simulator
     late        share of the ticks that were due: begun more than a period late, or left out
     answered    samples whose command arrived
@@ -126,15 +128,24 @@ def run(way: str, processes: int, seconds: float, show: Show) -> Loop:
             for each in workers:
                 each.check()
 
-        simulator.until("begun", alive)
-        before, begin = sum(each.processor_time for each in workers), time.monotonic()
+        def spent() -> np.ndarray:
+            return np.array([time.monotonic(), sum(each.processor_time for each in workers)])
+
+        before = spent()
+
+        def waiting() -> None:
+            nonlocal before
+            alive()
+            before = spent()  # this process may get to read 'begun' long after: the last look precedes the loop
+
+        simulator.until("begun", waiting)
 
         def progress() -> None:
             alive()
-            show("running", (time.monotonic() - begin) / seconds)
+            show("running", (time.monotonic() - before[0]) / seconds)
 
         simulator.until("finished", progress)
-        used, passed = sum(each.processor_time for each in workers) - before, time.monotonic() - begin
+        passed, used = (spent() - before).tolist()
         counts = _final(workers)
     loop = counts["simulator"]
     samples = int(loop["samples"])
