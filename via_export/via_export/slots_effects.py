@@ -251,6 +251,12 @@ EFFECT_ROWS = (
         bam="- small commands act; apply it to the command", ros2_control=NO_PHYSICS,
     ),
     row(
+        "position_deadband",
+        mjcf="- small errors are corrected", urdf="- small errors are corrected", sdf="- small errors are corrected",
+        isaaclab="- small errors are corrected; a custom actuator class can add it",
+        bam="- small errors are corrected", ros2_control=NO_PHYSICS,
+    ),
+    row(
         "actuator_lag", "with a speed limit", _with_lag,
         mjcf="- an actuator has a filter or a slew rate, not both: the goal leads by the time constant",
         urdf="- commands act at once", sdf="- commands act at once",

@@ -104,6 +104,7 @@ SIZES = {
     "torque_ripple": {"amplitude": 0.1, "order": 7.0, "phase": 0.5},
     "torque_saturation": {"limit": 0.8},
     "torque_deadband": {"threshold": 0.25},
+    "position_deadband": {"width": 0.1},
     "actuator_lag": {"time_constant": 0.02},
     "actuator_delay": {"delay": 0.0043},
     "speed_limit": {"limit": 2.5},

@@ -121,7 +121,7 @@ def followed(goals: Array, start: float, rate: float, limit: float, delay: float
     return np.array(out)
 
 
-@pytest.mark.parametrize("changed", ["nothing", "delay", "speed_limit", "torque_ripple"])
+@pytest.mark.parametrize("changed", ["nothing", "delay", "speed_limit", "position_deadband", "torque_ripple"])
 def test_a_position_drive_follows_its_law(changed: str) -> None:
     """Clipped proportional torque on a late goal of limited speed, minus damping, with effects added."""
     device = rigid()
@@ -131,6 +131,7 @@ def test_a_position_drive_follows_its_law(changed: str) -> None:
         "nothing": Physics(),
         "delay": Physics(delay=0.02),
         "speed_limit": Physics(goal_speed=1.5),
+        "position_deadband": Physics(goal_band=0.05),
         "torque_ripple": Physics(ripple=terms_at(0, 2, [0.2]), ripple_order=terms_at(0, 2, [9.0])),
     }[changed]
     run = simulate(device, physics, drive, np.zeros(400), start_of(device, drive))
@@ -143,7 +144,8 @@ def test_a_position_drive_follows_its_law(changed: str) -> None:
     )  # fmt: skip
 
     def torque(t: float, q: float, v: float) -> float:
-        pull = np.clip(SERVO.kp * (np.interp(t, grid, goal) - q), -SERVO.torque_limit, SERVO.torque_limit)
+        error = np.interp(t, grid, goal) - q
+        pull = np.clip(SERVO.kp * error * (abs(error) >= physics.goal_band), -SERVO.torque_limit, SERVO.torque_limit)
         more = 0.2 * sin(9.0 * q) if changed == "torque_ripple" else 0.0
         return float(pull) - SERVO.kd * v + more
 
@@ -171,9 +173,9 @@ def test_load_friction_of_a_position_drive_grows_with_its_torque() -> None:
     np.testing.assert_allclose(run.mean[late, 0], smooth / (1.0 - 0.25), rtol=0.03)  # tau = smooth + .25 tau
 
 
-def test_only_position_drives_have_a_speed_limit_and_all_their_effects_have_a_place() -> None:
+def test_only_position_drives_have_a_speed_limit_or_a_dead_band_and_all_their_effects_have_a_place() -> None:
     device = device_of(draw_joint(np.random.default_rng(0), POSITIONED))
-    assert set(OF_POSITION) - set(CATALOGUE) == {"speed_limit"}
+    assert set(OF_POSITION) - set(CATALOGUE) == {"speed_limit", "position_deadband"}
     assert all(entry.locations(device) for entry in OF_POSITION.values())
     assert not any(place[0] == "transmission" for entry in OF_POSITION.values() for place in entry.locations(device))
 

@@ -15,8 +15,11 @@ from typing import Any
 # Signals of each place of a term, and what its equation returns.
 #   axis     angle [rad] and speed [rad/s] of an axis -> torque [N m] on it
 #   command  commanded torque [N m] of a drive -> torque that passes on
+#   error    error [rad] of the goal of a position drive -> error that it corrects
 #   input    angle [rad] of a motor -> error [rad] of the angle at the input of its transmission, and its derivative
-SIGNALS: Mapping[str, tuple[str, ...]] = {"axis": ("angle", "speed"), "command": ("torque",), "input": ("angle",)}
+SIGNALS: Mapping[str, tuple[str, ...]] = {
+    "axis": ("angle", "speed"), "command": ("torque",), "error": ("error",), "input": ("angle",),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,12 @@
 """A position drive on the link of a rigid joint: from commanded goal to torque on the link.
 
-    goal -> dead time -> speed limit -> lag -> clip(kp (goal - measured), limits) -> gain, bias -> link; - kd qd
+    goal -> dead time -> speed limit -> lag -> clip(kp c(goal - measured), limits) -> gain, bias -> link; - kd qd
 
-The feedback uses the drive's own encoder, so an encoder error changes the torque as well as the log. kd acts as viscous
-friction while the drive is on, which the exponential integrator covers; gain, bias and saturation apply to the other
-torque only. A drive that is off has no torque, and its goal follows the measured angle. In other drives the lag is
-between command and torque; here it acts on the goal, so that it affects the command only and not the feedback.
+c is the error itself, or what the terms of the catalogue let through. The feedback uses the drive's own encoder, so an
+encoder error changes the torque as well as the log. kd acts as viscous friction while the drive is on, which the
+exponential integrator covers; gain, bias, saturation and c apply to the other torque only. A drive that is off has no
+torque, and its goal follows the measured angle. In other drives the lag is between command and torque; here it acts on
+the goal, so that it affects the command only and not the feedback.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from via_core.signals import Array
 from via_sim.joint.compiled import bare
 from via_sim.joint.encoders import read_motion
 from via_sim.joint.parameters import P
+from via_sim.joint.terms import corrected
 
 
 @bare
@@ -26,7 +28,7 @@ def drive_torque(p: Array, goal: float, power: float, q: float) -> float:
         return 0.0
     measured, _ = read_motion(p, 0, q, 0.0)
     limit = min(p[P.drive_torque_limit], p[P.saturation])
-    pull = min(max(p[P.drive_stiffness] * (goal - measured), -limit), limit)
+    pull = min(max(p[P.drive_stiffness] * corrected(p, goal - measured), -limit), limit)
     return power * (p[P.torque_gain] * pull + p[P.torque_bias])
 
 

@@ -41,7 +41,7 @@ def _scalar(name: str, arguments: str, place: str, lines: _Lines, end: str, zero
     terms = terms_at(place)
     body = [line for number, term in enumerate(terms) for line in lines(number, term)]
     names = {f"term_{number}": inlined(term.equation) for number, term in enumerate(terms)}
-    start = {"axis": [f"total = {zero}"], "input": ["error = slope = 0.0"], "command": []}[place]
+    start = {"axis": [f"total = {zero}"], "input": ["error = slope = 0.0"], "command": [], "error": []}[place]
     return bare(made(name, arguments, [*start, *body, end], __file__, names))
 
 
@@ -73,6 +73,10 @@ def _passed(number: int, term: Term) -> list[str]:
     return [f"torque = {call(term, number, 'axis')}"]
 
 
+def _corrected(number: int, term: Term) -> list[str]:
+    return [f"error = {call(term, number, '0')}"]
+
+
 def _at_input(number: int, term: Term) -> list[str]:
     return [f"for k in range(axis, {3 * term.repeats}, 3):", f"    more = {call(term, number, 'k')}",
             "    error, slope = error + more[0], slope + more[1]"]  # fmt: skip
@@ -84,5 +88,7 @@ axis_torque = _scalar("axis_torque", "p, modes, axis, angle, speed", "axis", _ad
 count_terms = _scalar("count_terms", "p, modes", "axis", _counted, "return total", "False")
 # saturated(p, axis, torque): commanded torque [N m] that a drive passes on
 saturated = _scalar("saturated", "p, axis, torque", "command", _passed, "return torque")
+# corrected(p, error): error [rad] of its goal that the position drive of the link corrects
+corrected = _scalar("corrected", "p, error", "error", _corrected, "return error")
 # input_error(p, axis, angle): error [rad] of the angle at the input of a motor's transmission, and its derivative [-]
 input_error = _scalar("input_error", "p, axis, angle", "input", _at_input, "return error, slope")

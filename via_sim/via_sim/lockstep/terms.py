@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from via_sim.catalogue.terms import Term
+from via_sim.catalogue.terms import SIGNALS, Term
 from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.parameters import P
 from via_sim.joint.terms import made, terms_at
 from via_sim.lockstep.block import R, Z
 from via_sim.lockstep.pack import add, get, put
 
-_AXIS, _COMMAND, _INPUT = terms_at("axis"), terms_at("command"), terms_at("input")
+_AXIS, _COMMAND, _ERROR, _INPUT = (terms_at(place) for place in SIGNALS)
 
 
 def _call(term: Term, number: int, index: str) -> str:
@@ -56,6 +56,11 @@ def _passed() -> Any:
     return _compiled("saturated", "z, axis, torque", [*lines, "return torque"], _COMMAND)
 
 
+def _corrected() -> Any:
+    lines = [f"error = {_call(term, number, '0')}" for number, term in enumerate(_ERROR)]
+    return _compiled("corrected", "z, error", [*lines, "return error"], _ERROR)
+
+
 def _inputs() -> Any:
     lines = ["for i in range(2):", "    axis = 1 + i", f"    angle = get(z, {Z.at} + axis)"]
     lines += [f"    put(z, {row} + i, 0.0)" for row in (Z.input_error, Z.input_slope)]
@@ -73,5 +78,7 @@ term_bits = _bits()
 add_terms = _torques()
 # saturated(z, axis, torque): commanded torque [N m] that the drives pass on
 saturated = _passed()
+# corrected(z, error): error [rad] of its goal that a position drive corrects
+corrected = _corrected()
 # find_input_errors(z): errors and slopes of the inputs of both transmissions at `Z.at`
 find_input_errors = _inputs()

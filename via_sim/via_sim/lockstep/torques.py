@@ -13,7 +13,7 @@ from via_sim.joint.parameters import P
 from via_sim.joint.torques import preset_of, spring_law
 from via_sim.lockstep.block import R, Terms, Z
 from via_sim.lockstep.pack import LANES, add, any_above, choose, get, put
-from via_sim.lockstep.terms import add_terms, find_input_errors
+from via_sim.lockstep.terms import add_terms, corrected, find_input_errors
 
 _ENOUGH = 1e300  # [N m] margin of an axis that does not stick
 
@@ -193,7 +193,8 @@ def _add_rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
     """Add the rare terms to three rows from `out` on."""
     if rare >> R.position & 1:  # `position_drive.drive_torque`
         reach = get(z, Z.drive_limit)
-        torque = min(max(get(z, Z.drive_stiffness) * (get(z, Z.goal) - get(z, Z.at)), -reach), reach)
+        torque = get(z, Z.drive_stiffness) * corrected(z, get(z, Z.goal) - get(z, Z.at))
+        torque = min(max(torque, -reach), reach)
         put(z, Z.drive_torque, get(z, Z.power) * (get(z, Z.drive_gain) * torque + get(z, Z.drive_bias)))
         add(z, out, get(z, Z.drive_torque))
     add_terms(z, axes, out, rare)

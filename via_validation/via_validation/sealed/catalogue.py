@@ -65,14 +65,14 @@ def motors(device: Device) -> tuple[Location, ...]:
     return tuple(("motor", i) for i in range(1, 1 + device.n_motors)) if device.drive == "torque" else ()
 
 
-def _drives(device: Device) -> tuple[Location, ...]:
+def drives(device: Device) -> tuple[Location, ...]:
     """Motors with commanded torque; the drive of a rigid joint is its motor 1."""
     return motors(device) if device.motors else (("motor", 1),)
 
 
 def _torques(device: Device) -> tuple[Location, ...]:
     """Motors with commanded torque, and their torque sensors."""
-    return (*_drives(device), *(("sensor", number) for _, number in motors(device)))
+    return (*drives(device), *(("sensor", number) for _, number in motors(device)))
 
 
 def transmissions(device: Device) -> tuple[Location, ...]:
@@ -371,9 +371,9 @@ CATALOGUE: Mapping[str, Entry] = MappingProxyType(
             Entry("joint_coupling", at_site("link"), 0.02, 2.0, _neighbour, _coupling),
             Entry("torque_gain", _torques, 0.15, 0.6, _signed, _GAIN, sensed=_SENSED_GAIN),
             Entry("torque_bias", _torques, 0.01, 0.8, _signed, _BIAS, sensed=_SENSED_BIAS),
-            Entry("torque_ripple", _drives, 0.01, 0.8, _order, _ripple),
-            Entry("torque_saturation", _drives, 0.1, 0.85, no_shape, _SATURATION),
-            Entry("torque_deadband", _drives, 0.02, 1.0, no_shape, _DEADBAND),
+            Entry("torque_ripple", drives, 0.01, 0.8, _order, _ripple),
+            Entry("torque_saturation", drives, 0.1, 0.85, no_shape, _SATURATION),
+            Entry("torque_deadband", drives, 0.02, 1.0, no_shape, _DEADBAND),
             Entry("actuator_lag", at_site("command", "torque"), 0.5e-3, 0.04, no_shape, _LAG),
             Entry("actuator_delay", at_site("command"), 1e-3, 0.04, no_shape, _DELAY),
             Entry("encoder_offset", _encoders, 1e-4, 0.2, _signed, _OFFSET),

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from via_validation.sealed.catalogue import CATALOGUE, Entry, at_site, no_shape, single, whole
+from via_validation.sealed.catalogue import CATALOGUE, Entry, at_site, drives, no_shape, single, whole
 
 _SPEED_LIMIT = single("goal_speed", "limit", whole, lambda scene, _number, size: scene.speed[0] / size)
+_BAND = single("goal_band", "width", whole, lambda scene, _number, size: size * (scene.angles[1] - scene.angles[0]))
 
 
-# Effects of position drives; only they have a speed limit.
+# Effects of position drives; only they have a speed limit, or a dead band of the error.
 OF_POSITION: Mapping[str, Entry] = MappingProxyType(
     {
         **{
@@ -22,6 +23,7 @@ OF_POSITION: Mapping[str, Entry] = MappingProxyType(
             )
         },
         "speed_limit": Entry("speed_limit", at_site("command"), 0.3, 3.0, no_shape, _SPEED_LIMIT),
+        "position_deadband": Entry("position_deadband", drives, 0.01, 0.4, no_shape, _BAND),
     }
 )  # fmt: skip
 # Effects of controlled motors. Sizes are relative to their nominal torque, which is small.

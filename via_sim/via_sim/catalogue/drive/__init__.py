@@ -3,6 +3,7 @@
 from via_sim.catalogue.drive import (
     actuator_delay,
     actuator_lag,
+    position_deadband,
     speed_limit,
     torque_bias,
     torque_deadband,
@@ -22,5 +23,6 @@ KINDS = tuple(
         actuator_lag,
         actuator_delay,
         speed_limit,
+        position_deadband,
     )
 )
