@@ -80,6 +80,7 @@ NOT_HELD = (
     (PENDULUM, e("encoder_eccentricity", "sensor", amplitude=0.05, phase=0.3)),
     (CUBIC, e("stiffness_drift", "transmission", 1, rate=-0.8)),
     (PENDULUM, e("torque_deadband", "motor", 1, threshold=1.0)),
+    (SERVO, e("position_deadband", "motor", 1, width=0.2)),
     (CUBIC, e("gear_error", "transmission", 1, amplitude=0.1, order=3.0, phase=0.4)),
     (SERVO, e("load_dependent_friction", "link", coefficient=0.3)),
 )
