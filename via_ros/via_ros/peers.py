@@ -35,9 +35,11 @@ def drivers(node: Any, joint_topic: str, command_topic: str) -> list[str]:
     return [name for name in _names(node.get_subscriptions_info_by_topic(command_topic)) if name in talking]
 
 
-def rivalry(what: str, names: list[str]) -> str:
-    """A warning that names the nodes if there are several, else ''."""
-    return f"{len(names)} {what}: {', '.join(names[:MOST])}" if len(names) > 1 else ""
+def rivalry(node: Any, command_topic: str) -> tuple[dict[str, bool], dict[str, str]]:
+    """For diagnostics: warnings that name several commanders or drivers of the joints, and the names of all."""
+    found = {"commanders": commanders(node, command_topic), "drivers": drivers(node, "/joint_states", command_topic)}
+    warnings = {f"{len(names)} {what}: {', '.join(names[:MOST])}": len(names) > 1 for what, names in found.items()}
+    return warnings, {what: ", ".join(names) for what, names in found.items()}
 
 
 class CommandOrigin:
