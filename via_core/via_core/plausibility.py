@@ -246,9 +246,8 @@ def _compare(
     used, y = rows[moving], wanted[moving]
     if len(used) > FIXED:
         gram, tie = used.T @ used, TIE * float(np.sum(_load(used) ** 2))
-        for j in range(
-            FIXED, FIXED + int(rest[3]) - 1
-        ):  # ties the load factor of a time without motion to that of its neighbours
+        # ties the load factor of a time without motion to that of its neighbours
+        for j in range(FIXED, FIXED + int(rest[3]) - 1):
             gram[j, j] += tie
             gram[j + 1, j + 1] += tie
             gram[j, j + 1] -= tie

@@ -169,10 +169,8 @@ def _passive(target: Target, axis: int, names: tuple[str, ...], parts: Parts) ->
     if constant:
         add("constant", cogging=(constant, 0.0, 0.5 * pi))
     for k, (amplitude, order, phase) in enumerate(target.ripple(axis), 1):
-        whole = order == round(
-            order
-        )  # `poles` is an integer: other orders by the gear, which scales the torque as well
-        gear, poles = (1.0, order) if whole else (order, 1.0)
+        # `poles` is an integer: other orders by the gear, which scales the torque as well
+        gear, poles = (1.0, order) if order == round(order) else (order, 1.0)
         add(f"ripple_{k}", gear=gear, cogging=(amplitude / gear, poles, phase - order * offset))
     breakaway, kinetic, speed = target.dry(axis)
     if breakaway > kinetic:
