@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from via_core.command_files import read_motion, read_references
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device, load_device
 from via_core.parameters import parameter
 
@@ -79,8 +78,7 @@ class ExcitationParameters(ControllerParameters):
         )
         motors = tuple(
             motor.model_copy(update={"torque_limit": motor.torque_limit or self.torque_limit})
-            for motor in device.motors
-            if isinstance(motor, TorqueMotor)
+            for motor in device.torque_motors
         )
         return device.model_copy(update={"motors": motors})
 

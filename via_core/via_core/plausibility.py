@@ -36,7 +36,6 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.modulated_rows import (
     CLEAR,
@@ -128,8 +127,7 @@ def equations_of(device: Device) -> tuple[Equation, ...]:
             np.array([motor.inertia * inertia, endless, endless, spring]),
             friction * motor.coulomb_friction,
         )
-        for i, motor in enumerate(device.motors[: device.n_transmissions])
-        if isinstance(motor, TorqueMotor)
+        for i, motor in enumerate(device.torque_motors[: device.n_transmissions])
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import prod
 
-from via_core.device_parts import Linear, TorqueMotor
+from via_core.device_parts import Linear
 from via_sim.effects import Effect
 
 from via_export.slots import by_levers, position_drive, row, servo
@@ -31,7 +31,7 @@ def _with_damper(target: Target, _effect: Effect | None) -> bool:
 
 
 def _speed_limited(target: Target, _effect: Effect | None) -> bool:
-    return any(isinstance(motor, TorqueMotor) and motor.speed_limit is not None for motor in target.device.motors)
+    return any(motor.speed_limit is not None for motor in target.device.torque_motors)
 
 
 def _weighs(target: Target, _effect: Effect | None) -> bool:
