@@ -99,7 +99,7 @@ class DriverOrigin:
             self._ear = None
 
     def is_alone(self) -> bool:
-        """Whether nobody else was heard; False as long as it is not known."""
+        """Whether no other driver was heard; False as long as it is not known."""
         now = time.monotonic()
         return self._ear is None or (now - self._began > PATIENCE and now - self._heard > self._recent)
 

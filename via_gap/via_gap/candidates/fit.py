@@ -160,7 +160,7 @@ class Axes:
 
     @staticmethod
     def of(problem: ResidualModel, members: Sequence[tuple[Location, Sequence[float]]], scales: Scales) -> Axes:
-        locations, starts = [place for place, _ in members], [value for _, values in members for value in values]
+        locations, starts = [location for location, _ in members], [value for _, values in members for value in values]
         parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])
         low, high = (np.concatenate(ends) / size for ends in zip(*(bounds_of(each, scales) for each in locations)))
@@ -287,7 +287,7 @@ def delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
     segments = problem.views[0].segments
     late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
     sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
-    return np.where([place.name in late for place in locations for _ in place.parameters], sd, 0.0)
+    return np.where([location.name in late for location in locations for _ in location.parameters], sd, 0.0)
 
 
 def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:

@@ -14,7 +14,7 @@ a payload.
 
 Both sides are averaged over windows of WINDOW: the equation holds for averages as well, and noise of the accelerations
 averages out. A window counts for a joint if its direction is certain in every sample, because dry friction is unknown
-where a joint reverses or stands; a block without any window that counts is left out.
+where a joint reverses or rests; a block without any window that counts is left out.
 
 Source: W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Butterworth-Heinemann 2002, chapter 12
 (linear regression of dynamic parameters, filtered and decimated).

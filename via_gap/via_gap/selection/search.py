@@ -137,9 +137,9 @@ class Search:
             jacobian = self.few.nuisance_jacobian(here.effects, here.offsets, here.residual)
             slopes = member_slopes(self.few, here, self.scales)
             known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
-            near = [place for _, place, _ in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
+            near = [location for _, location, _ in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
             hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)
-        members = [[*members_of(fit), (place, values)] for _, place, values in hopeful]
+        members = [[*members_of(fit), (location, values)] for _, location, values in hopeful]
         return self._raced(here, members, jacobian, most, rival)
 
     def _raced(
@@ -170,7 +170,7 @@ class Search:
         seen = {frozenset(fit.locations) for fit in there}
         rival = min((fit.loss for fit in there), default=0.0)
         pairs = _distinct(ranked_pairs(self.start, self.jacobian, self.tried))[: RACED * PAIRS]
-        new = [members for _, members in pairs if frozenset(place for place, _ in members) not in seen]
+        new = [members for _, members in pairs if frozenset(location for location, _ in members) not in seen]
         return self._raced(self.start, new, self.jacobian, PAIRS, rival)
 
     def _exchanged(self, fit: Fit) -> list[Fit]:
@@ -192,12 +192,12 @@ class Search:
         there = {frozenset(fit.locations) for fit in fits}
         found = []
         for best in sorted(fits, key=lambda fit: fit.loss)[:1]:
-            for number, (place, values) in enumerate(members_of(best)):
-                if place.kind.contains is None:
+            for number, (location, values) in enumerate(members_of(best)):
+                if location.kind.contains is None:
                     continue
-                name, which = place.kind.contains
+                name, which = location.kind.contains
                 members = members_of(best)
-                members[number] = (replace(place, name=name), [float(np.mean([values[i] for i in which]))])
+                members[number] = (replace(location, name=name), [float(np.mean([values[i] for i in which]))])
                 if frozenset(each for each, _ in members) not in there:
                     plain = refine(self.few, best, members, self.scales)
                     found += [plain] if plain is not None else []

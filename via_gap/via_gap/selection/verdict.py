@@ -118,7 +118,7 @@ def decide(
     verdict, reason = _verdict(tuned, last, flexible)
     if verdict in UNNAMED:
         return unnamed(verdict, reason)
-    equivalent = tuple(dict.fromkeys(place for each in (last, *tied) for place in each.fit.locations))
+    equivalent = tuple(dict.fromkeys(location for each in (last, *tied) for location in each.fit.locations))
     if (count := len(set(_agreeing(tied)))) > NUMBERS.largest_set:
         common = _common(tied, models)
         if common is None or _verdict(tuned, common, flexible)[0] in UNNAMED:
@@ -136,8 +136,8 @@ def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tupl
     if max(explained) < NUMBERS.most:
         return "unknown", ""
     if max(share) < NUMBERS.substantial:
-        place = model.fit.locations[0]
-        return "cannot_tell", f"error that does not repeat with the motion exceeds the part that {place} explains"
+        location = model.fit.locations[0]
+        return "cannot_tell", f"error that does not repeat with the motion exceeds the part that {location} explains"
     fitted = fractions(tuned.on_fitted, model.on_fitted) if model.fitted.size else share
     if min(*explained, *share, *fitted) < NUMBERS.complete:
         return "main_effect", ""
@@ -154,11 +154,11 @@ def _ranking(
     alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
     shares = _shares(without_needless(_of_size(best, models)))
     ranked = sorted(
-        ((place, round(share, 9), model) for (place, share), model in zip(*shares, strict=True)),
+        ((location, round(share, 9), model) for (location, share), model in zip(*shares, strict=True)),
         key=lambda each: (-each[1], each[0] not in named.fit.locations, alone.get(each[0], np.inf)),
     )
-    representatives = tuple(named if place in named.fit.locations else model for place, _, model in ranked)
-    return tuple((place, share) for place, share, _ in ranked), representatives
+    representatives = tuple(named if location in named.fit.locations else model for location, _, model in ranked)
+    return tuple((location, share) for location, share, _ in ranked), representatives
 
 
 def _of_size(model: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
@@ -279,12 +279,13 @@ def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float],
     total: dict[Location, float] = {}
     model: dict[Location, tuple[float, Evaluation]] = {}
     for each, part in zip(rivals, map(float, share), strict=True):
-        for place in each.fit.locations:
-            total[place] = total.get(place, 0.0) + part
-            if place not in model or part > model[place][0]:
-                model[place] = part, each
-    order = sorted(total, key=lambda place: (-total[place], freedom(model[place][1].fit)))
-    return tuple((place, min(total[place], 1.0)) for place in order), tuple(model[place][1] for place in order)
+        for location in each.fit.locations:
+            total[location] = total.get(location, 0.0) + part
+            if location not in model or part > model[location][0]:
+                model[location] = part, each
+    order = sorted(total, key=lambda location: (-total[location], freedom(model[location][1].fit)))
+    shares = tuple((location, min(total[location], 1.0)) for location in order)
+    return shares, tuple(model[location][1] for location in order)
 
 
 def _unnamed(tuned: Evaluation, models: Sequence[Evaluation], verdict: Verdict, reason: str = "") -> Decision:

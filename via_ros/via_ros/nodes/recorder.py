@@ -120,7 +120,7 @@ class Recorder(Node):
                 self.get_logger().warning(f"{name} is not recorded: {error}")
 
     def _name_missing(self) -> None:
-        """Log the wanted topics that nobody publishes, beside those that there are; again when these change."""
+        """Log the wanted topics without a publisher, beside those that exist; again when these change."""
         missing = sorted(name for name in self._wanted if not self.get_publishers_info_by_topic(name))
         if not missing:
             self._hint.cancel()

@@ -14,7 +14,7 @@ free      ticks as fast as possible under the last command
 
 Commands that do not fit the robot, and commands that make the state overflow, are ignored and counted. While two nodes
 command the robot, all commands are refused. A simulator does not begin while another node publishes samples of its
-joints, stops again if it hears one of them soon after (discovery takes time), and refuses all commands if one begins
+joints, stops again if it receives one of them soon after (discovery takes time), and refuses all commands if one begins
 later. Diagnostics name these nodes.
 """
 
