@@ -16,7 +16,6 @@ from via_sim.effects import Effect
 from via_sim.joint.parameters import LINK, MOTOR_1, SERVO, P
 from via_sim.plants import GRAVITY, JointPlant, substeps_for
 
-AXES = ("link", "motor 1", "motor 2")
 LOAD_SHARE = 2.0 / np.pi  # mean of |sin| over a turn: mean gravity load of a link over its largest
 TICK = 1e-3  # [s] at which commands change
 

@@ -26,7 +26,6 @@ from via_gap.selection.numbers import NUMBERS
 
 BLOCK = 1.0  # [s] of segments that are resampled together; at least one segment
 RESAMPLES = 300
-NOISE = float(np.log(2.0))  # loss of sensor noise
 
 
 @dataclass(frozen=True, eq=False)
