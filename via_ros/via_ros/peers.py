@@ -36,7 +36,7 @@ def drivers(node: Any, joint_topic: str, command_topic: str) -> list[str]:
 
 
 def rivalry(node: Any, command_topic: str) -> tuple[dict[str, bool], dict[str, str]]:
-    """For diagnostics: warnings that name several commanders or drivers of the joints, and the names of all."""
+    """Warnings about several commanders or drivers of the joints, and the names of all, for diagnostics."""
     found = {"commanders": commanders(node, command_topic), "drivers": drivers(node, "/joint_states", command_topic)}
     warnings = {f"{len(names)} {what}: {', '.join(names[:MOST])}": len(names) > 1 for what, names in found.items()}
     return warnings, {what: ", ".join(names) for what, names in found.items()}

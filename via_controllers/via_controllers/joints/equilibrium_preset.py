@@ -86,7 +86,7 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
 
     @classmethod
     def from_device(cls, device: Device, bandwidth: float = 60.0) -> EquilibriumPreset:
-        """For a device of two torque motors; K_P = B w^2, K_D = 2 B w, w = `bandwidth` [rad/s]."""
+        """The controller of a device with two torque motors; K_P = B w^2, K_D = 2 B w, w = `bandwidth` [rad/s]."""
         torque = device.torque_motors
         if len(device.motors) != 2 or len(torque) != 2:
             raise ParameterError(f"device: '{device.name}' has no two motors that take torques")

@@ -218,7 +218,7 @@ class _Fit:
 
 
 def _better(right: _Fit, wrong: _Fit, test: Array) -> _Fit:
-    """Of a payload with right and with wrong gains, the second only if it is significantly better."""
+    """The payload with right gains, or with wrong gains if that is significantly better."""
     return wrong if _exceeds(right.against(wrong, test) - NUMBERS.margin, NUMBERS.significance) else right
 
 

@@ -255,7 +255,7 @@ def _apart(one: Evaluation, other: Evaluation) -> float:
 
 
 def _plainest(tied: Sequence[Evaluation]) -> Evaluation:
-    """Of the models that are the first one under another name, the one with the fewest parameters."""
+    """The model with the fewest parameters among those that are the first one under another name."""
     same = [each for each, number in zip(tied, _agreeing(tied), strict=True) if number == 0]
     return min(same, key=lambda each: (freedom(each.fit), each.score, str(each.fit.locations)))
 
