@@ -42,7 +42,7 @@ sys.modules["busy"] = sys.modules["__main__"]
 def work() -> None:
     pathlib.Path({mark!r}).touch()
     {work}
-cli.COMMANDS["work"] = Entry("busy:work", "Works.")
+cli.COMMANDS["work"] = Entry("busy:work")
 sys.argv = ["via", "work"]
 cli.main()
 """

@@ -26,7 +26,7 @@ from via_controllers.supervision.arm_supervision import Supervisor
 
 @dataclass(frozen=True)
 class ModalLimitCycleParameters(ControllerParameters):
-    """Of `modal_limit_cycle_vsa`, and with `adapt` of `adaptive_limit_cycle`, whose node subscribes to estimates.
+    """Parameters of `modal_limit_cycle_vsa`, or with `adapt` of `adaptive_limit_cycle`, which subscribes to estimates.
 
     The default `level` suits the soft modes of reference_4dof. Modes 3 and 4 need a tenth of it or less: otherwise the
     motors stay at their limits and no limit cycle develops.
@@ -84,7 +84,7 @@ class ModalLimitCycleParameters(ControllerParameters):
 
 @dataclass(frozen=True)
 class BangBangParameters(ControllerParameters):
-    """Of `bang_bang` on an arm."""
+    """Parameters of `bang_bang` on an arm."""
 
     arm: str = parameter("reference_4dof", "arm name or path to its YAML")
     motors: tuple[float, ...] = parameter((0.2, 0.5, 0.3, 1.3), "theta_0, motor angles at the equilibrium", "rad")
@@ -104,7 +104,7 @@ class BangBangParameters(ControllerParameters):
 
 @dataclass(frozen=True)
 class HoppingParameters(ControllerParameters):
-    """Of `bang_bang` on the hopper; while inactive the hopper stands on its springs."""
+    """Parameters of `bang_bang` on the hopper; while inactive the hopper stands on its springs."""
 
     crouch: float = parameter(0.6, "a_0, angle of the thighs from the vertical", "rad", (0.01, 1.5))
     bandwidth: float = parameter(120.0, "omega_m of the motor control", "rad/s", (1.0, 1e4))

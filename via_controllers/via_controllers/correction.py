@@ -15,7 +15,7 @@ of x with y, hence
 
     low <= x <= high,   |x'| <= (high - low) / L,   |x''| <= (high - low) (2 / L + 1 / T_fallback) / L
 
-whatever the estimator says: neither x nor x' jumps, and no estimate moves x faster. For constant e it converges
+for any estimates: neither x nor x' jumps, and no estimate moves x faster. For constant e it converges
 exponentially at the rate w / L. Estimates come from equations of the plant that hold under any torque. x enters the
 torque only, so that estimator and controller are a cascade and no loop in which both could diverge.
 """

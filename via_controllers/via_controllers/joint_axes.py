@@ -15,7 +15,6 @@ from typing import Generic, NamedTuple
 
 import numpy as np
 from numba import njit
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array, locked
 from via_core.spring_equations import spring_stiffness, spring_torque
@@ -70,8 +69,7 @@ class JointAxes:
         device = self.device
         require(bool(device.springs), f"device: '{device.name}' has no springs")
         require(device.drive == "torque", f"device: the motors of '{device.name}' take no torques")
-        motors = [motor for motor in device.motors if isinstance(motor, TorqueMotor)]
-        springs = device.spring_laws
+        motors, springs = device.torque_motors, device.spring_laws
         derived = {
             "motor_inertia": [motor.inertia for motor in motors],
             "motor_friction": [motor.viscous_friction for motor in motors],

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from via_core.command_files import read_motion, read_references
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device, load_device
 from via_core.parameters import parameter
 
@@ -28,7 +27,7 @@ DEVICE = "device name or path to its YAML"
 
 @dataclass(frozen=True)
 class ExcitationParameters(ControllerParameters):
-    """Of `motor_position` with multisine references, or of `played_commands` with a table of torques."""
+    """Parameters of `motor_position` with multisine references, or of `played_commands` with a table of torques."""
 
     device: str = parameter("cubic_demo", DEVICE)
     equilibrium_mean: float = parameter(0.0, "mean of the equilibrium angle", "rad", (-10.0, 10.0))
@@ -79,15 +78,14 @@ class ExcitationParameters(ControllerParameters):
         )
         motors = tuple(
             motor.model_copy(update={"torque_limit": motor.torque_limit or self.torque_limit})
-            for motor in device.motors
-            if isinstance(motor, TorqueMotor)
+            for motor in device.torque_motors
         )
         return device.model_copy(update={"motors": motors})
 
 
 @dataclass(frozen=True)
 class EquilibriumPresetParameters(ControllerParameters):
-    """Of `equilibrium_preset`; the node also subscribes to references and estimates."""
+    """Parameters of `equilibrium_preset`; the node also subscribes to references and estimates."""
 
     device: str = parameter("qbmove_a", DEVICE)
     equilibrium: float = parameter(0.0, "initial reference of the link angle", "rad", (-FURTHEST, FURTHEST))
@@ -124,7 +122,7 @@ class EquilibriumPresetParameters(ControllerParameters):
 
 @dataclass(frozen=True)
 class BangBangJointParameters(ControllerParameters):
-    """Of `bang_bang_joint`."""
+    """Parameters of `bang_bang_joint`."""
 
     device: str = parameter("visco_elastic_demo", DEVICE)
     equilibrium: float = parameter(0.0, "equilibrium of theta_0", "rad", (-10.0, 10.0))
@@ -143,7 +141,7 @@ class BangBangJointParameters(ControllerParameters):
 
 @dataclass(frozen=True)
 class MaxVelocityParameters(ControllerParameters):
-    """Of `max_velocity`."""
+    """Parameters of `max_velocity`."""
 
     device: str = parameter("visco_elastic_demo", DEVICE)
     turns: int = parameter(3, "number of half swings before the last stretch", "", (0, 1000))
@@ -165,7 +163,7 @@ class MaxVelocityParameters(ControllerParameters):
 
 @dataclass(frozen=True)
 class CommandedTorqueParameters(ControllerParameters):
-    """Of `commanded_torque`; the node also subscribes to the torques."""
+    """Parameters of `commanded_torque`; the node also subscribes to the torques."""
 
     device: str = parameter("qbmove_a", DEVICE)
     timeout: float = parameter(0.02, "age of a command from which the torque is zero", "s", (1e-3, 0.1))

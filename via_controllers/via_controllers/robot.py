@@ -55,7 +55,7 @@ class ControlledJoint:
 
     @property
     def name(self) -> str:
-        """Of the device, as in topics."""
+        """Name of the device, as in topics."""
         return self.axes.device.name
 
     @property

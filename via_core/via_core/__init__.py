@@ -1,1 +1,1 @@
-"""The core of VIA: signals, spring laws, devices, weak-form kernels, metrics and bags. It knows no ROS."""
+"""The core of VIA: signals, spring laws, devices, weak-form kernels, metrics and bags. Independent of ROS."""

@@ -33,6 +33,7 @@ from via_core.device_parts import (
     Sensors,
     Spring,
     Tolerances,
+    TorqueMotor,
     Wire,
     motor_kind,
 )
@@ -94,6 +95,11 @@ class Device(Described):
     @property
     def n_motors(self) -> int:
         return len(self.motors)
+
+    @property
+    def torque_motors(self) -> tuple[TorqueMotor, ...]:
+        """All motors of a torque drive; none of servos."""
+        return tuple(motor for motor in self.motors if isinstance(motor, TorqueMotor))
 
     @property
     def n_transmissions(self) -> int:

@@ -36,7 +36,6 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.modulated_rows import (
     CLEAR,
@@ -128,8 +127,7 @@ def equations_of(device: Device) -> tuple[Equation, ...]:
             np.array([motor.inertia * inertia, endless, endless, spring]),
             friction * motor.coulomb_friction,
         )
-        for i, motor in enumerate(device.motors[: device.n_transmissions])
-        if isinstance(motor, TorqueMotor)
+        for i, motor in enumerate(device.torque_motors[: device.n_transmissions])
     )
 
 
@@ -246,9 +244,8 @@ def _compare(
     used, y = rows[moving], wanted[moving]
     if len(used) > FIXED:
         gram, tie = used.T @ used, TIE * float(np.sum(_load(used) ** 2))
-        for j in range(
-            FIXED, FIXED + int(rest[3]) - 1
-        ):  # ties the load factor of a time without motion to that of its neighbours
+        # ties the load factor of a time without motion to that of its neighbours
+        for j in range(FIXED, FIXED + int(rest[3]) - 1):
             gram[j, j] += tie
             gram[j + 1, j + 1] += tie
             gram[j, j + 1] -= tie

@@ -1,7 +1,7 @@
 """Equations of the spring laws (eqs. 1-8, 50-51): torque, stiffness and its slope as compiled scalar functions.
 
 Each takes the `kind` of a spring law, a row of its coefficients, the deflection phi = q - theta [rad] and a `preset`
-[rad] (via_core.springs says what both are), so that one compiled kernel serves all spring laws.
+[rad] (both are defined in via_core.springs), so that one compiled kernel serves all spring laws.
 """
 
 from __future__ import annotations

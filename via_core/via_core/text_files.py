@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,18 @@ def write_text(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ViaError(f"cannot write {path}: {error.strerror}") from None
+
+
+def replace_text(path: Path, text: str, error: type[ViaError] = ViaError) -> None:
+    """Write a text file completely or not at all, even if this process is killed. Raises `error`."""
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        draft.write_text(text, encoding="utf-8")
+        draft.replace(path)
+    except OSError as problem:
+        raise error(f"{path}: cannot be written: {problem.strerror}") from None
+    finally:
+        draft.unlink(missing_ok=True)
 
 
 def read_yaml(text: str, name: str, error: type[ViaError] = ViaError, loader: Any = yaml.SafeLoader) -> Any:

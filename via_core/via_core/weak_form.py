@@ -205,7 +205,7 @@ def fill_third(order: int, stamps: Array, first: int, weights: Array) -> None:
 def window_weights(order: int, stamps: ArrayLike, rows: int = ROWS) -> Array:
     """Weights (rows, n) for stamps (n,) [s], oldest first, read-only: `fill_weights` with checked arguments.
 
-    The fourth row, if asked for, is that of `fill_third`. Raises ParameterError for any other number of rows, an order
+    The fourth row, if requested, is that of `fill_third`. Raises ParameterError for any other number of rows, an order
     below the highest derivative, fewer than 5 stamps, or stamps that are not finite and strictly increasing.
     """
     if rows not in (ROWS, ROWS + 1):

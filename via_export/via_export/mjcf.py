@@ -31,7 +31,6 @@ FAR = 1e3  # [rad] of a tendon that pulls on one side
 STIFF = 1e7  # torque of a servo over that of its springs, per radian
 STUCK = 1e-6  # [rad] least travel of LuGre's bristle until it slides, for Stribeck friction
 RESOLVED = 0.5  # [rad] most of an oscillation on that bristle in a time step
-BRISTLE_DAMPING = 0.0
 SOFTEST = 1e-4  # smallest impedance of a constraint, with which it is a spring and a damper
 NOT_A_SERVO = 1e-9  # of a gain: it differs from the bias, or a positive third bias is taken for a damping ratio
 STEEP = 20.0  # damping of a servo beyond its speed limit over that below it
@@ -169,10 +168,8 @@ def _passive(target: Target, axis: int, names: tuple[str, ...], parts: Parts) ->
     if constant:
         add("constant", cogging=(constant, 0.0, 0.5 * pi))
     for k, (amplitude, order, phase) in enumerate(target.ripple(axis), 1):
-        whole = order == round(
-            order
-        )  # `poles` is an integer: other orders by the gear, which scales the torque as well
-        gear, poles = (1.0, order) if whole else (order, 1.0)
+        # `poles` is an integer: other orders by the gear, which scales the torque as well
+        gear, poles = (1.0, order) if order == round(order) else (order, 1.0)
         add(f"ripple_{k}", gear=gear, cogging=(amplitude / gear, poles, phase - order * offset))
     breakaway, kinetic, speed = target.dry(axis)
     if breakaway > kinetic:

@@ -43,17 +43,18 @@ def _joint(target: Target, axis: int) -> Element:
     limit = target.limit(axis) * target.of_axis(P.torque_gain, axis)
     command = element("command_interface", name=_interface(target.device))
     if _interface(target.device) == "effort" and isfinite(limit):
-        command.extend([_parameter("min", -limit), _parameter("max", limit)])
+        command.extend([parameter("min", -limit), parameter("max", limit)])
     return element("joint", command, *_damper(target, axis), *states, name=target.names[axis])
 
 
 def _damper(target: Target, axis: int) -> list[Element]:
     if target.device.damper is None or axis != LINK:
         return []
-    return [element("command_interface", _parameter("min", 0.0), _parameter("max", 1.0), name="damping")]
+    return [element("command_interface", parameter("min", 0.0), parameter("max", 1.0), name="damping")]
 
 
-def _parameter(name: str, value: float) -> Element:
+def parameter(name: str, value: str | float) -> Element:
+    """An element `param` with this name and value."""
     made = leaf("param", value)
     made.set("name", name)
     return made

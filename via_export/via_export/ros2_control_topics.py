@@ -17,6 +17,7 @@ from via_core.errors import ParameterError
 from via_sim.joint.parameters import LINK
 
 from via_export import urdf
+from via_export.ros2_control import parameter
 from via_export.target import Target
 from via_export.xml import Element, document, element, leaf
 
@@ -47,7 +48,7 @@ def robot(device: Device) -> str:
         "joint_states_topic": "/joint_states",
         "trigger_joint_command_threshold": -1.0,  # always: the default leaves out commands near the measured position
     }
-    hardware = element("hardware", leaf("plugin", PLUGIN), *(_parameter(*each) for each in parameters.items()))
+    hardware = element("hardware", leaf("plugin", PLUGIN), *(parameter(*each) for each in parameters.items()))
     joints = (_joint(target, axis) for axis in (*target.drives, LINK))
     root.append(element("ros2_control", hardware, *joints, name=device.name, type="system"))
     return document(root, declaration=True)
@@ -58,15 +59,9 @@ def _joint(target: Target, axis: int) -> Element:
     if axis in target.drives:
         command, limit = element("command_interface", name="effort"), target.limit(axis)
         if isfinite(limit):
-            command.extend([_parameter("min", -limit), _parameter("max", limit)])
+            command.extend([parameter("min", -limit), parameter("max", limit)])
         made.append(command)
     made.extend([element("state_interface", name=each) for each in STATES])
-    return made
-
-
-def _parameter(name: str, value: str | float) -> Element:
-    made = leaf("param", value)
-    made.set("name", name)
     return made
 
 

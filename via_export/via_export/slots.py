@@ -18,6 +18,7 @@ TITLES = {
     "mjcf": "MuJoCo 4", "urdf": "URDF", "sdf": "SDF 1.9", "isaaclab": "Isaac Lab", "bam": "BAM",
     "ros2_control": "ros2_control",
 }  # fmt: skip
+NO_PHYSICS = "- holds no physics; belongs into the simulator's model"
 Kind = Literal["slot", "substitute", "none"]
 Applies = Callable[[Target, Effect | None], bool]
 
@@ -69,9 +70,14 @@ class Loss:
         return f"{where}: no slot; written as {self.slot.where}; cost: {self.slot.cost}"
 
 
-def row(item: str, when: str = "", applies: Applies | None = None, **texts: str) -> Row:
-    """A line of the table from one text per format, see `Slot.of`."""
-    return Row(item, when, {name: Slot.of(texts[name]) for name in FORMATS}, applies or (lambda _target, _effect: True))
+def row(item: str, when: str = "", applies: Applies | None = None, others: str = "", **texts: str) -> Row:
+    """A line of the table from one text per format, see `Slot.of`.
+
+    others  text of the formats that are left out, except ros2_control: NO_PHYSICS
+    """
+    every = {**dict.fromkeys(FORMATS, others), "ros2_control": NO_PHYSICS, **texts}
+    slots = {name: Slot.of(text) for name, text in every.items()}
+    return Row(item, when, slots, applies or (lambda _target, _effect: True))
 
 
 def servo(target: Target, _effect: Effect | None) -> bool:

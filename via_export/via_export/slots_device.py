@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from math import prod
 
-from via_core.device_parts import Linear, TorqueMotor
+from via_core.device_parts import Linear
 from via_sim.effects import Effect
 
 from via_export.slots import by_levers, position_drive, row, servo
-from via_export.slots_effects import NO_PHYSICS
 from via_export.target import Target
 
 CONSTANT = "stiffness does not change with the deflection or the preset"
@@ -32,7 +31,7 @@ def _with_damper(target: Target, _effect: Effect | None) -> bool:
 
 
 def _speed_limited(target: Target, _effect: Effect | None) -> bool:
-    return any(isinstance(motor, TorqueMotor) and motor.speed_limit is not None for motor in target.device.motors)
+    return any(motor.speed_limit is not None for motor in target.device.torque_motors)
 
 
 def _weighs(target: Target, _effect: Effect | None) -> bool:
@@ -48,86 +47,75 @@ def _scaled(target: Target, _effect: Effect | None) -> bool:
 DEVICE_ROWS = (
     row(
         "link: inertia",
-        mjcf="= inertial of the link; in a given model unchanged", urdf="= inertial", sdf="= inertial",
-        isaaclab="- comes with the USD file", bam="= armature", ros2_control=NO_PHYSICS,
+        mjcf="= inertial of the link; in a given model unchanged", isaaclab="- comes with the USD file",
+        bam="= armature", others="= inertial",
     ),
     row(
         "link: gravity", "", _weighs,
-        mjcf="= inertial of the link", urdf="= inertial", sdf="= inertial", isaaclab="- comes with the USD file",
-        bam="- mass and length come with the test bench", ros2_control=NO_PHYSICS,
+        mjcf="= inertial of the link", isaaclab="- comes with the USD file",
+        bam="- mass and length come with the test bench", others="= inertial",
     ),
     row(
         "link: friction",
         mjcf="= damping, frictionloss", urdf="= dynamics", sdf="= axis dynamics",
         isaaclab="= friction, dynamic_friction, viscous_friction", bam="= friction_base, friction_viscous",
-        ros2_control=NO_PHYSICS,
     ),
     row(
         "motors", "torque drive behind springs", _torque_motors,
-        mjcf="= a body with a hinge each",
-        urdf=f"~ inertia and friction added to the link | {RIGID}",
+        mjcf="= a body with a hinge each", urdf=f"~ inertia and friction added to the link | {RIGID}",
         sdf="= a link each between base and link; of two motors their sum",
-        isaaclab=f"~ armature and friction added to the joint | {RIGID}",
-        bam=f"~ armature and friction added to the joint | {RIGID}", ros2_control=NO_PHYSICS,
+        others=f"~ armature and friction added to the joint | {RIGID}",
     ),
     row(
         "motors", "servo", servo,
         mjcf="= position actuator on a heavy body", urdf=f"- {RIGID}; the joint itself is commanded",
         sdf="~ a link with the link's inertia under a JointPositionController | the load moves the servo",
-        isaaclab=f"~ stiffness and damping of the same bandwidth | {RIGID}; the load moves the servo",
-        bam=f"- {RIGID}", ros2_control="= position command interface",
+        isaaclab=f"~ stiffness and damping of the same bandwidth | {RIGID}; the load moves the servo", bam=f"- {RIGID}",
+        ros2_control="= position command interface",
     ),
     row(
         "springs", "linear", _linear,
-        mjcf="= tendon stiffness", urdf=f"- {RIGID}", sdf="= spring_stiffness, spring_reference of a second joint",
-        isaaclab=f"- {RIGID}", bam=f"- {RIGID}", ros2_control=NO_PHYSICS,
+        mjcf="= tendon stiffness", sdf="= spring_stiffness, spring_reference of a second joint", others=f"- {RIGID}",
     ),
     row(
         "springs", "of other form", lambda t, e: _plain_springs(t, e) and not _linear(t, e),
-        mjcf="= a sum of tendons with dead bands: a cubic spline, accurate to 0.1 %", urdf=f"- {RIGID}",
-        sdf=f"~ stiffness at half of the stop | {CONSTANT}",
-        isaaclab=f"- {RIGID}", bam=f"- {RIGID}", ros2_control=NO_PHYSICS,
+        mjcf="= a sum of tendons with dead bands: a cubic spline, accurate to 0.1 %",
+        sdf=f"~ stiffness at half of the stop | {CONSTANT}", others=f"- {RIGID}",
     ),
     row(
         "springs", "between levers", by_levers,
-        mjcf="= spatial tendon between the levers", urdf=f"- {RIGID}",
-        sdf=f"~ stiffness at half of the stop, of two levers at rest | {CONSTANT}",
-        isaaclab=f"- {RIGID}", bam=f"- {RIGID}", ros2_control=NO_PHYSICS,
+        mjcf="= spatial tendon between the levers",
+        sdf=f"~ stiffness at half of the stop, of two levers at rest | {CONSTANT}", others=f"- {RIGID}",
     ),
     row(
         "second motor", "antagonistic or serial", lambda t, _e: t.device.n_motors == 2,
-        mjcf="= a body of its own", urdf="- one motor per joint: the preset cannot be commanded",
-        sdf="- one motor per joint: the preset cannot be commanded",
-        isaaclab="- one motor per joint: the preset cannot be commanded",
-        bam="- one motor per joint: the preset cannot be commanded", ros2_control="= a joint with its own command",
+        mjcf="= a body of its own", others="- one motor per joint: the preset cannot be commanded",
+        ros2_control="= a joint with its own command",
     ),
     row(
         "damper", "", _with_damper,
         mjcf="= actuator whose gain is the velocity; the control is the damping command",
-        urdf="~ dynamics/damping at command 0 | damping cannot be commanded",
-        sdf="~ dynamics/damping at command 0 | damping cannot be commanded",
         isaaclab="~ viscous_friction at command 0 | damping cannot be commanded",
         bam="~ friction_viscous at command 0 | damping cannot be commanded",
+        others="~ dynamics/damping at command 0 | damping cannot be commanded",
         ros2_control="= command interface 'damping'",
     ),
     row(
         "motors: torque_limit", "", lambda t, _e: not servo(t, None),
-        mjcf="= ctrlrange; of a position drive forcerange", urdf="= limit/effort", sdf="= limit/effort",
-        isaaclab="= effort_limit", bam="= kt/R, with --supply", ros2_control="= command_interface min, max; max_effort",
+        mjcf="= ctrlrange; of a position drive forcerange", isaaclab="= effort_limit", bam="= kt/R, with --supply",
+        others="= limit/effort", ros2_control="= command_interface min, max; max_effort",
     ),
     row(
         "motors: speed_limit", "", _speed_limited,
-        mjcf="- speed is not limited: keep commands within the limit", urdf="= limit/velocity", sdf="= limit/velocity",
-        isaaclab="= velocity_limit", bam="- speed is limited by the supply alone",
+        mjcf="- speed is not limited: keep commands within the limit", isaaclab="= velocity_limit",
+        bam="- speed is limited by the supply alone", others="= limit/velocity",
         ros2_control="= joint_limits max_velocity",
     ),
     row(
         "torque_scale", "", _scaled,
-        mjcf="= actuator gainprm",
-        urdf="~ limit/effort times scale | commands themselves are not scaled",
+        mjcf="= actuator gainprm", urdf="~ limit/effort times scale | commands themselves are not scaled",
         sdf="~ limit/effort times scale | torque commands are not scaled",
-        isaaclab="~ effort_limit times scale | torque commands are not scaled",
-        bam="= kt/R, with --supply",
+        isaaclab="~ effort_limit times scale | torque commands are not scaled", bam="= kt/R, with --supply",
         ros2_control="~ limits of the command times scale | commands themselves are not scaled",
     ),
     row(
@@ -140,13 +128,12 @@ DEVICE_ROWS = (
     row(
         "servo: switched off", "position drive", position_drive,
         mjcf="~ actuator group disabled at run time | the damping kd remains unless actuator_damping is set to 0",
-        urdf="- belongs to the controller", sdf="- belongs to the controller", isaaclab="- set the gains to 0",
-        bam="= torque_enable of the log", ros2_control="= deactivate the controller",
+        isaaclab="- set the gains to 0", bam="= torque_enable of the log", others="- belongs to the controller",
+        ros2_control="= deactivate the controller",
     ),
     row(
         "sensors: steps and noise",
-        mjcf="- sensors are exact; round and add noise where you read them",
-        urdf="- no sensors", sdf="- no encoder sensor", isaaclab="- add noise to the observations",
-        bam="- no sensors", ros2_control="- state interfaces are exact",
+        mjcf="- sensors are exact; round and add noise where you read them", sdf="- no encoder sensor",
+        isaaclab="- add noise to the observations", others="- no sensors", ros2_control="- state interfaces are exact",
     ),
 )  # fmt: skip

@@ -8,7 +8,6 @@ from functools import cached_property
 from math import inf
 
 import numpy as np
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array
 from via_core.spring_equations import MACCEPA, TWO_LEVER
@@ -17,7 +16,6 @@ from via_sim.effects import Effect
 from via_sim.joint.parameters import LINK, MOTOR_1, SERVO, P
 from via_sim.plants import GRAVITY, JointPlant, substeps_for
 
-AXES = ("link", "motor 1", "motor 2")
 LOAD_SHARE = 2.0 / np.pi  # mean of |sin| over a turn: mean gravity load of a link over its largest
 TICK = 1e-3  # [s] at which commands change
 
@@ -195,7 +193,7 @@ class Target:
         """[rad/s] limit of the joint's speed, infinite if unknown."""
         row = self.row
         known = [float(row[P.drive_speed_limit])]
-        known += [m.speed_limit for m in self.device.motors if isinstance(m, TorqueMotor) and m.speed_limit is not None]
+        known += [motor.speed_limit for motor in self.device.torque_motors if motor.speed_limit is not None]
         known += [float(row[P.saturation + axis]) for axis in self.drives if self.is_servo(axis)]
         return min(known)
 

@@ -42,11 +42,11 @@ def fit_of(locations: Sequence[Location], sd: float = 0.1) -> Fit:
 
 def evaluated(
     segments: Sequence[float] | Array, *locations: Location, block: int = 4, whole: bool = False,
-    witness: Sequence[float] | Array = NOTHING,
+    other_view: Sequence[float] | Array = NOTHING,
 ) -> Evaluation:  # fmt: skip
     """A model and the mean squared whitened error that it leaves of each held-out segment."""
     return Evaluation(
-        fit_of(locations), NOTHING, np.asarray(segments, dtype=np.float64), block, whole, np.asarray(witness)
+        fit_of(locations), NOTHING, np.asarray(segments, dtype=np.float64), block, whole, np.asarray(other_view)
     )
 
 

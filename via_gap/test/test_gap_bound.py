@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gap_logs import flexible as joint
 from gap_logs import log_of, servo
-from via_gap.candidates.fit import Fit, fit_device_numbers
+from via_gap.candidates.fit import Fit, fit_device_parameters
 from via_gap.residual.errors import Errors, free_errors
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments, cut_log
@@ -24,7 +24,7 @@ def prepared(device, effects, duration=12.0) -> tuple[ResidualModel, ResidualMod
     segments = cut_log(log_of(device, effects, seed=31, duration=duration))
     train, held, everything = split([segments], [])
     fitted, evaluated = ResidualModel.of(everything, train), ResidualModel.of(everything, held)
-    return fitted, evaluated, fit_device_numbers(fitted), segments
+    return fitted, evaluated, fit_device_parameters(fitted), segments
 
 
 @pytest.fixture(name="dragged", scope="module")

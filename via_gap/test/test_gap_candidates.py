@@ -13,7 +13,7 @@ from via_core.signals import Signals
 from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.converged import converged
 from via_gap.candidates.covariance import clustered_covariance, covariance_of
-from via_gap.candidates.fit import Fit, fit_device_numbers, fit_on, member_slopes, refine
+from via_gap.candidates.fit import Fit, fit_device_parameters, fit_on, member_slopes, refine
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs
@@ -50,7 +50,7 @@ def fitted(device: Device, effect: Effect, duration: float) -> tuple[ResidualMod
 
 def based(problem: ResidualModel) -> tuple[Fit, np.ndarray]:
     """The device's own numbers, and the Jacobian of the nuisances there."""
-    base = fit_device_numbers(problem)
+    base = fit_device_parameters(problem)
     return base, problem.nuisance_jacobian((), base.offsets, base.residual)
 
 
@@ -174,7 +174,7 @@ def test_a_few_segments_that_nothing_explains_do_not_move_a_fit():
     disturbed = replace(log, measured=Signals(log.measured.time, held, log.measured.units))
     segments = cut_log(disturbed)
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
-    base = fit_device_numbers(problem)
+    base = fit_device_parameters(problem)
     scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
     place = Location("coulomb_friction", "motor", 1)
     plain = refine(problem, base, [(place, [0.02])], scales)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_logs import log_of, servo
 from via_core.device_parts import Tolerances
-from via_gap.candidates.fit import fit_device_numbers
+from via_gap.candidates.fit import fit_device_parameters
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import simulated_log
@@ -68,7 +68,7 @@ def test_logs_of_a_group_are_left_out_together_and_each_once():
 
 def test_a_fold_is_evaluated_by_a_fit_to_the_others():
     whole = problem(1, 2, 3)
-    base = fit_device_numbers(whole)
+    base = fit_device_parameters(whole)
     (evaluation,) = Folds.of(whole, (1, 2, 3)).evaluate([base], None)
     for i, seed in enumerate((1, 2, 3)):
         others = problem(*(s for s in (1, 2, 3) if s != seed))

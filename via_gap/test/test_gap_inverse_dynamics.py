@@ -134,7 +134,7 @@ def test_the_baseline_is_the_drive_less_its_mean_and_worse_than_the_model():
 
 def test_the_witness_looks_at_a_segment_as_a_whole():
     segments = cut_log(log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0))
-    view = InverseDynamics.witness(segments, np.arange(1, len(segments) - 1))
+    view = InverseDynamics.by_segment(segments, np.arange(1, len(segments) - 1))
     assert view.windows.weights.shape[1] == segments.ticks + 1 and view.first.shape[1] == 1
 
 

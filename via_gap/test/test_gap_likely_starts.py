@@ -5,7 +5,7 @@ import pytest
 from gap_logs import log_of, rigid
 from scipy.optimize import minimize
 from via_gap.candidates.converged import converged
-from via_gap.candidates.fit import fit_device_numbers, refine
+from via_gap.candidates.fit import fit_device_parameters, refine
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
 from via_gap.residual.inverse_dynamics import missing_torque
@@ -75,7 +75,7 @@ def test_a_part_keeps_its_starts(slow):
 def test_the_converged_fit_of_the_ripple_holds_the_truth(slow):
     problem, scales = slow
     location = Location.of(RIPPLE)
-    base = refine(problem, fit_device_numbers(problem), [(location, list(RIPPLE.parameters.values()))], scales)
+    base = refine(problem, fit_device_parameters(problem), [(location, list(RIPPLE.parameters.values()))], scales)
     found = converged(problem, base, scales)
     (effect,) = found.effects
     errors = np.array([effect.parameters[name] - value for name, value in RIPPLE.parameters.items()])

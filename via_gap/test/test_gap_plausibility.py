@@ -110,7 +110,7 @@ def predicting(without: object, held: object, fitted: object = (), fitted_withou
     """Whether a model with the errors `held` and `fitted` may be named beside the errors without a model."""
     baseline = replace(evaluated(without), fitted=np.asarray(fitted_without, dtype=np.float64))
     model = replace(evaluated(held), fit=fit(COULOMB, 0.001, 0.01), fitted=np.asarray(fitted, dtype=np.float64))
-    experiment = SimpleNamespace(contradicts=False, baseline=baseline, tuned=evaluated(without))
+    experiment = SimpleNamespace(may_veto=False, baseline=baseline, tuned=evaluated(without))
     return _supported(experiment, SimpleNamespace(scales=scales()))(model)
 
 

@@ -6,7 +6,7 @@ from gap_logs import flexible, log_of, rigid
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import savgol_filter
 from via_core.signals import Signals
-from via_gap.candidates.fit import fit_device_numbers
+from via_gap.candidates.fit import fit_device_parameters
 from via_gap.logs.log import JointLog
 from via_gap.logs.rounding import correlation, interpolated, mean_variance, slope_order, variances
 from via_gap.residual.residual_model import ResidualModel
@@ -63,7 +63,7 @@ def test_a_coarse_encoder_leaves_no_gap_that_the_device_does_not_explain(motors,
     device = flexible() if motors else rigid().model_copy(update={"sensors": fine})
     coarse = Effect("encoder_quantisation", "sensor", {"quantum": 0.02}, axis)
     segments = cut_log(log_of(device, (coarse,), seed=1, duration=6.0))
-    fit = fit_device_numbers(ResidualModel.of([segments], [np.arange(1, len(segments))]))
+    fit = fit_device_parameters(ResidualModel.of([segments], [np.arange(1, len(segments))]))
     each = fit.residual.reshape(-1, len(segments.axes))
     assert np.max(np.mean(each**2, axis=0)) < 1.25
     assert np.min(np.mean(each**2, axis=0)) > 0.75  # nor is it taken for more than it is

@@ -22,10 +22,10 @@ from via_gap.selection.verdict import (
     _plainest,
     _ranking,
     _tied,
+    accepted,
     decide,
     fractions,
     ladder,
-    matters,
     simplest,
     without_needless,
 )
@@ -108,7 +108,7 @@ def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluati
         return "no_gap", tuned
     tied, last = answer(tuned, models)
     if last is tuned:
-        return ("unknown" if matters(flexible, tuned, tuned) else "cannot_tell"), tuned
+        return ("unknown" if accepted(flexible, tuned, tuned) else "cannot_tell"), tuned
     explained, share = parts_by_hand(tuned, last, flexible), parts_by_hand(tuned, last, None)
     if max(explained) < 0.8:
         return "unknown", tuned

@@ -169,7 +169,7 @@ class RowReader:
     """Converts JointStates and VsaCommands to sample rows of several devices at once.
 
     wanted     device and columns after time of each row, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
-    rows       (1, 1 + k) each, of a `JointReader` that wants the link of the device
+    rows       (1, 1 + k) each, of a `JointReader` for the link of the device
     malformed  as of `JointReader`
     origins    as of `JointReader`
     """

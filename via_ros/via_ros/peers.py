@@ -35,9 +35,11 @@ def drivers(node: Any, joint_topic: str, command_topic: str) -> list[str]:
     return [name for name in _names(node.get_subscriptions_info_by_topic(command_topic)) if name in talking]
 
 
-def rivalry(what: str, names: list[str]) -> str:
-    """A warning that names the nodes if there are several, else ''."""
-    return f"{len(names)} {what}: {', '.join(names[:MOST])}" if len(names) > 1 else ""
+def rivalry(node: Any, command_topic: str) -> tuple[dict[str, bool], dict[str, str]]:
+    """Warnings about several commanders or drivers of the joints, and the names of all, for diagnostics."""
+    found = {"commanders": commanders(node, command_topic), "drivers": drivers(node, "/joint_states", command_topic)}
+    warnings = {f"{len(names)} {what}: {', '.join(names[:MOST])}": len(names) > 1 for what, names in found.items()}
+    return warnings, {what: ", ".join(names) for what, names in found.items()}
 
 
 class CommandOrigin:
@@ -97,7 +99,7 @@ class DriverOrigin:
             self._ear = None
 
     def is_alone(self) -> bool:
-        """Whether nobody else was heard; False as long as it is not known."""
+        """Whether no other driver was heard; False as long as it is not known."""
         now = time.monotonic()
         return self._ear is None or (now - self._began > PATIENCE and now - self._heard > self._recent)
 

@@ -75,8 +75,8 @@ def spin_until(executor: Any, condition: Callable[[], bool], timeout: float) -> 
 def remove(executor: Any, node: Any) -> None:
     """Take a node out of its executor; when this returns, none of its callbacks will run any more.
 
-    The events executor learns of the removal by an event in its own queue. Callbacks of the node may stand before that
-    event, or be put behind it until it is reached; the second task stands behind those.
+    The events executor processes the removal as an event in its own queue. Callbacks of the node may be queued before
+    that event, or behind it until it is reached; the second task is behind those.
     """
     executor.remove_node(node)
     for _ in range(2):

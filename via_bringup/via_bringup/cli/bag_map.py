@@ -20,6 +20,12 @@ from via_bringup.cli.console import answers, errors, table
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+CountsPerTurn = Annotated[float | None, typer.Option(min=1.0, help="Counts of one turn, for positions in counts.")]
+TorqueConstant = Annotated[
+    float | None,
+    typer.Option(help="Torque per current at the joint \\[N m/A]: constant of the motor times gear ratio."),
+]
+
 
 def map_file(
     file: Annotated[
@@ -35,13 +41,8 @@ def map_file(
     joints: Annotated[
         str, typer.Option(help="Names of all joints, base first, comma-separated: for numbered columns.")
     ] = "",
-    counts_per_turn: Annotated[
-        float | None, typer.Option(min=1.0, help="Counts of one turn, for positions in counts.")
-    ] = None,
-    torque_constant: Annotated[
-        float | None,
-        typer.Option(help="Torque per current at the joint \\[N m/A]: constant of the motor times gear ratio."),
-    ] = None,
+    counts_per_turn: CountsPerTurn = None,
+    torque_constant: TorqueConstant = None,
 ) -> None:
     """Show columns or topics of a recording with rates and guesses, and write the commented mapping."""
     bag, tables = is_bag(file), read_tables(file)

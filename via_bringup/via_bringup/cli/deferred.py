@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, cast
 
@@ -15,12 +19,18 @@ from typer.core import TyperCommand, TyperGroup
 
 @dataclass(frozen=True)
 class Entry:
-    """One command of a table: the location of its function, and its line on the help page of its group."""
+    """One command of a table."""
 
     target: str  # module:attribute, a function or a typer.Typer
-    help: str  # first paragraph of the function's docstring
     settings: Mapping[str, Any] = field(default_factory=dict)  # context settings of click
     ros2: str = ""  # words of the `ros2` command that runs instead where there is one, e.g. "topic echo"
+    text: str = ""  # help line of a typer.Typer
+
+    @property
+    def help(self) -> str:
+        """Line on the help page of its group: first paragraph of the function's docstring, read without an import."""
+        module, _, name = self.target.partition(":")
+        return self.text or _first_paragraphs(module)[name]
 
     def load(self, name: str) -> TyperCommand | TyperGroup:
         """The command. Imports its module."""
@@ -32,12 +42,30 @@ class Entry:
         return cast(TyperCommand | TyperGroup, typer.main.get_command(found))
 
 
+@cache
+def _first_paragraphs(module: str) -> dict[str, str]:
+    """First paragraph of the docstring of each function in the source of a module."""
+    spec = find_spec(module)
+    source = Path(spec.origin).read_text(encoding="utf-8") if spec is not None and spec.origin else ""
+    functions = [each for each in ast.parse(source).body if isinstance(each, ast.FunctionDef)]
+    return {each.name: " ".join((ast.get_docstring(each) or "").split("\n\n")[0].split()) for each in functions}
+
+
 class DeferredCommand(TyperCommand):
     """Placeholder with name and help line, replaced by the loaded command when click runs or completes it."""
 
     def __init__(self, name: str, entry: Entry) -> None:
-        super().__init__(name, help=entry.help)
         self.entry = entry
+        super().__init__(name)
+
+    @property
+    def help(self) -> str:
+        """The help line, read when a page shows it."""
+        return self.entry.help
+
+    @help.setter
+    def help(self, text: str | None) -> None:
+        """Called by the constructor of click, without a text."""
 
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Context of the loaded command. click always calls this method before it runs or completes a command."""

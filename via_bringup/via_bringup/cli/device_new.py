@@ -16,6 +16,7 @@ from via_core.robots.description import GUESS, RATE, Description, Number, device
 from via_core.text_files import write_text
 from via_gap.run.describe import describe
 
+from via_bringup.cli.bag_map import CountsPerTurn, TorqueConstant
 from via_bringup.cli.console import answers, errors
 
 
@@ -29,13 +30,8 @@ def new(
     at: Annotated[
         list[str] | None, typer.Option(help="Angle of another joint, JOINT=RAD (repeat for several).")
     ] = None,
-    counts_per_turn: Annotated[
-        float | None, typer.Option(min=1.0, help="Counts of one turn, for positions in counts.")
-    ] = None,
-    torque_constant: Annotated[
-        float | None,
-        typer.Option(help="Torque per current at the joint \\[N m/A]: constant of the motor times gear ratio."),
-    ] = None,
+    counts_per_turn: CountsPerTurn = None,
+    torque_constant: TorqueConstant = None,
 ) -> None:
     """Write a commented device file from a model (URDF, MJCF), a recording, both, or the answers to questions.
 

@@ -21,7 +21,6 @@ from functools import cached_property
 from math import exp, isnan, log, nan
 
 import numpy as np
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
@@ -87,8 +86,8 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
 
     @classmethod
     def from_device(cls, device: Device, bandwidth: float = 60.0) -> EquilibriumPreset:
-        """For a device of two torque motors; K_P = B w^2, K_D = 2 B w, w = `bandwidth` [rad/s]."""
-        torque = [motor for motor in device.motors if isinstance(motor, TorqueMotor)]
+        """The controller of a device with two torque motors; K_P = B w^2, K_D = 2 B w, w = `bandwidth` [rad/s]."""
+        torque = device.torque_motors
         if len(device.motors) != 2 or len(torque) != 2:
             raise ParameterError(f"device: '{device.name}' has no two motors that take torques")
         inertia = [motor.inertia for motor in torque]

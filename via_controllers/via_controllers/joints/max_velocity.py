@@ -60,7 +60,7 @@ class MaxVelocity(Controller[MaxVelocityState]):
     def from_device(
         cls, device: Device, horizon: float, damping_command: float = 0.0, bandwidth: float = 100.0
     ) -> MaxVelocity:
-        """For a flexible device whose torque motor has torque and speed limits.
+        """The controller of a flexible device whose torque motor has torque and speed limits.
 
         horizon          t_f [s]
         damping_command  [0..1] of the damper during the motion

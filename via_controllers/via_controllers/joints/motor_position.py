@@ -42,7 +42,7 @@ class MotorPositionState:
 
 
 class _Constants(NamedTuple):
-    """Of the compiled step."""
+    """Constants of the compiled step."""
 
     kinds: Array  # (2,) of the springs
     coefficients: Array  # (2, 8)

@@ -12,9 +12,9 @@ inactive      the arm or joint is held where it was
 active        the controller runs
 
 With `autostart` the node configures and activates itself, so that `ros2 run` alone suffices. After 20 ms without a
-later stamp the node sends zero torque once, and answers samples whose stamps stand still with zero torque. Drivers and
-simulators have watchdogs in case the node itself is gone. In lockstep the zero has no effect: its stamp belongs to a
-sample that is already answered. Diagnostics name a second commander or a second driver of the robot.
+later stamp the node sends zero torque once, and answers samples whose stamps do not advance with zero torque. Drivers
+and simulators have watchdogs in case the node itself is gone. In lockstep the zero has no effect: its stamp belongs to
+a sample that is already answered. Diagnostics name a second commander or a second driver of the robot.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -34,7 +34,8 @@ from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
 from via_ros.gate import Gate, RenewedSubscription
 from via_ros.parameters import declare
-from via_ros.peers import commanders, drivers, rivalry
+from via_ros.peers import rivalry
+from via_ros.reports import report, status_of
 from via_ros.serialised import JointStateDecoder, raw
 from via_ros.spin import STEADY
 
@@ -245,8 +246,7 @@ class ControllerNode(LifecycleNode):
         if not self._entities:  # the timer was due already when its publisher was destroyed
             return
         malformed, silent = self._broken + self._reader.malformed, self._answered == self._reported
-        topic = self._robot.command_topic
-        commanding, driving = commanders(self, topic), drivers(self, "/joint_states", topic)
+        rivals, peers = rivalry(self, self._robot.command_topic)
         rate, self._reported = (self._answered - self._reported) / REPORT, self._answered
         conditions = {
             "no samples": silent,
@@ -256,32 +256,21 @@ class ControllerNode(LifecycleNode):
             f"refused messages: {self._gate.reason}": self._gate.refused > 0,
             STOPPED: self._stopped > 0,
             STALLED: self._stalled,
-            rivalry("commanders", commanding): len(commanding) > 1,
-            rivalry("drivers", driving): len(driving) > 1,
+            **rivals,
             "at a limit": self._limited != 0,
         }
-        warnings = [text for text, present in conditions.items() if present]
         values = {
             "samples": self._answered, "rate [Hz]": f"{rate:g}", "unusable samples": self._unusable,
             "malformed messages": malformed, "refused messages": self._gate.refused, "gaps": self._gaps,
             "silences": self._silences, "samples with an old stamp": self._stopped,
-            "commanders": ", ".join(commanding), "drivers": ", ".join(driving),
-            "limits": limit_names(self._limited), **self._writer.limits,
+            **peers, "limits": limit_names(self._limited), **self._writer.limits,
         }  # fmt: skip
         if self._gaps and not self._warned:
             self.get_logger().warning(SLOW)
         self._limited, self._gaps, self._warned = 0, 0, self._gaps > 0
         self._stopped, self._stalled = 0, False
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK,
-            name=f"{self.get_name()}: {'active' if self._active else 'holding still'}",
-            message=", ".join(warnings) or "running",
-            hardware_id=self._robot.name,
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
-        report = DiagnosticArray(status=[status])
-        report.header.stamp = self.get_clock().now().to_msg()
-        self._reports.publish(report)
+        title = f"{self.get_name()}: {'active' if self._active else 'holding still'}"
+        report(self, self._reports, [status_of(title, self._robot.name, conditions, values)])
 
 
 def _stamp_now(last: int) -> int:

@@ -50,7 +50,7 @@ class JointSupervisor:
     def of(
         cls, controller: Controller[Any], axes: JointAxes, start: Callable[[], Any] | None = None, drive: float = 0.5
     ) -> JointSupervisor:
-        """With `HoldJoint` and the default limits.
+        """The supervisor with `HoldJoint` and the default limits.
 
         start  returns the controller's initial state; None: `controller.init`
         drive  share of their speed limit that the controller may use; with 1 none is left to follow an accelerated link

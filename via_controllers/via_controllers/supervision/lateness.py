@@ -1,8 +1,8 @@
 """Finds samples that are answered so late that their torques do not act.
 
-Drivers ignore a command that is older than their watchdog. Where a controller falls behind its samples, its torques
-therefore end although it continues to send them, and the motors stand still: this is no stall. The delay between
-measurement and answer is not known, since the clocks of robot and controller may differ, but its change is:
+Drivers ignore a command that is older than their watchdog. If a controller falls behind its samples, its torques
+therefore end although it continues to send them, and the motors stop: this is no stall. The delay between measurement
+and answer is not known, since the clocks of robot and controller may differ, but its change is:
 
     late = arrival - stamp - least > LATEST,   least = min(arrival - stamp) so far
 

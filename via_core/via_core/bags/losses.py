@@ -1,4 +1,4 @@
-"""Lost samples, counted by their stamps, whatever the pattern of the loss.
+"""Lost samples, counted by their stamps, for any pattern of losses.
 
 A publisher with a steady period leaves steps between stamps that are whole multiples of it. The period is the mean of
 the shortest steps; a step of n periods lacks n - 1 samples.

@@ -50,7 +50,7 @@ class RobotJoint:
 
 @dataclass(frozen=True)
 class SeenAtJoint:
-    """Rigid bodies as one joint sees them while all other joints rest.
+    """Inertia and gravity of the rigid bodies about one joint while all other joints rest.
 
     inertia         [kg m^2] without the rotor; `lowest` and `highest` over the poses of the other joints
     gravity_torque  [N m] largest, on a joint at any of its angles; [N] constant, of a sliding joint

@@ -59,7 +59,7 @@ class Fit:
     """Effects and device parameters that minimise the loss on the training segments.
 
     effects     with their fitted values
-    offsets     (J,) of the nuisance parameters from the device file, in standard offsets of their tolerance
+    offsets     (J,) of the nuisance parameters from the device file, in standard deviations of their tolerance
     loss        loss of the residual plus squared offsets
     residual    (R,) whitened
     covariance  (p, p) of the effects' parameters in their order, in their units
@@ -73,7 +73,7 @@ class Fit:
 
     @property
     def sd(self) -> Array:
-        """(p,) standard offsets of the effects' parameters in their order."""
+        """(p,) standard deviations of the effects' parameters in their order."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -123,7 +123,7 @@ def effect_or_none(location: Location, values: Sequence[float]) -> Effect | None
         return None
 
 
-def fit_device_numbers(problem: ResidualModel) -> Fit:
+def fit_device_parameters(problem: ResidualModel) -> Fit:
     """The device parameters alone, fitted inside their tolerances with the loss of `problem`."""
     few = problem.by_squares.part([np.flatnonzero(np.arange(len(view.chosen)) % SPARSE < 2) for view in problem.views])
     offsets = few[0].fit_nuisances((), np.zeros(len(problem.nuisances)))[0]
@@ -160,7 +160,7 @@ class Axes:
 
     @staticmethod
     def of(problem: ResidualModel, members: Sequence[tuple[Location, Sequence[float]]], scales: Scales) -> Axes:
-        locations, starts = [place for place, _ in members], [value for _, values in members for value in values]
+        locations, starts = [location for location, _ in members], [value for _, values in members for value in values]
         parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])
         low, high = (np.concatenate(ends) / size for ends in zip(*(bounds_of(each, scales) for each in locations)))
@@ -249,7 +249,7 @@ class Axes:
 
         Standard deviations of delays also include what is not known of the commands between samples.
         """
-        covariance = in_units(covariance, sd, self.size) + np.diag(between_samples(self.problem, self.locations) ** 2)
+        covariance = in_units(covariance, sd, self.size) + np.diag(delay_sd(self.problem, self.locations) ** 2)
         return Fit(self.effects(here.at), here.at[: self.count].copy(), here.loss, here.residual, covariance)
 
     def nuisance_jacobian(self, here: Point) -> Array:
@@ -277,7 +277,7 @@ class Axes:
         return here
 
 
-def between_samples(problem: ResidualModel, locations: Sequence[Location]) -> Array:
+def delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
     """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
 
     The motion shows the sum of the delay of commands, the lag of the drive, and the delay of a single encoder's stamps.
@@ -287,7 +287,7 @@ def between_samples(problem: ResidualModel, locations: Sequence[Location]) -> Ar
     segments = problem.views[0].segments
     late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
     sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
-    return np.where([place.name in late for place in locations for _ in place.parameters], sd, 0.0)
+    return np.where([location.name in late for location in locations for _ in location.parameters], sd, 0.0)
 
 
 def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:

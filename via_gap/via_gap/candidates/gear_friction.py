@@ -21,18 +21,18 @@ SHARE = 0.3  # initial value of each further term over the coefficient of the lo
 def with_gear_terms(whole: ResidualModel, fits: Sequence[Fit], scales: Scales) -> list[Fit]:
     """The best of `fits` with the further terms of its load-dependent friction; none if it has no such friction."""
     best = min(fits, key=lambda each: each.loss, default=None)
-    numbers = [] if best is None else [i for i, place in enumerate(best.locations) if place.name == NAME]
+    numbers = [] if best is None else [i for i, location in enumerate(best.locations) if location.name == NAME]
     if best is None or not numbers:
         return []
-    place, (coefficient, *_) = members_of(best)[numbers[0]]
-    share, velocity = SHARE * coefficient, SHARE * float(scales.speed[place.axis])
+    location, (coefficient, *_) = members_of(best)[numbers[0]]
+    share, velocity = SHARE * coefficient, SHARE * float(scales.speed[location.axis])
     found = []
     for further in (
-        {"velocity": velocity, "quadratic": share / float(scales.torque[place.axis])},
+        {"velocity": velocity, "quadratic": share / float(scales.torque[location.axis])},
         {"counter_coefficient": share, "stribeck": share, "counter_stribeck": share, "velocity": velocity},
     ):
         members = members_of(best)
-        members[numbers[0]] = (replace(place, optional=tuple(further)), [coefficient, *further.values()])
+        members[numbers[0]] = (replace(location, optional=tuple(further)), [coefficient, *further.values()])
         fit = refine(whole, best, members, scales, FINISHING)
         found += [fit] if fit is not None else []
     return found

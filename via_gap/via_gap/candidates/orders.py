@@ -38,7 +38,7 @@ Wave = tuple[float, float, float]  # amplitude, order, phase [rad]
 
 
 def encoder_waves(problem: ResidualModel, fit: Fit, number: int, most: int) -> list[Wave]:
-    """At most `most` orders of the encoder error `fit.effects[number]`, amplitudes in rad, from the error of `fit`."""
+    """Waves [rad] of at most `most` orders of the encoder error `fit.effects[number]`, from the error of `fit`."""
     pull = problem.weights(fit.residual)
     columns = _encoder_columns(problem, fit, number) * pull[:, None]
     if not columns.any():
@@ -125,7 +125,7 @@ def _encoder_columns(problem: ResidualModel, fit: Fit, number: int) -> Array:
 
 
 def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> list[list[Wave]]:
-    """At most `most` orders of the missing torque of a row on an axis, amplitudes in N m, in two ways.
+    """Waves of at most `most` orders of the missing torque of a row on an axis, amplitudes in N m, in two ways.
 
     Whole orders, and free ones: those of a rotor behind a gear need not be whole on the angle that is measured. Over
     less than a turn, several neighbouring whole orders are much like one between them.

@@ -28,10 +28,10 @@ def with_harmonics(
     """The best of `fits` with a periodic effect, with all its orders fitted together."""
     found: list[Fit | None] = []
     for name in (RIPPLE, ENCODER):
-        periodic = [each for each in fits if any(place.name == name for place in each.locations)]
+        periodic = [each for each in fits if any(location.name == name for location in each.locations)]
         for fit in sorted(periodic, key=lambda each: each.loss)[:REPEATED]:
-            for number, place in enumerate(fit.locations):
-                if place.name == name:
+            for number, location in enumerate(fit.locations):
+                if location.name == name:
                     found += [
                         _richer(whole, fit, number, waves, scales) for waves in _waves(whole, equations, fit, number)
                     ]
@@ -40,14 +40,14 @@ def with_harmonics(
 
 def _waves(whole: ResidualModel, equations: ResidualModel | None, fit: Fit, number: int) -> list[list[Wave]]:
     """All orders of a periodic effect of `fit`, as far as its one order is not all of it; several choices."""
-    place = fit.locations[number]
-    if place.name == ENCODER:
+    location = fit.locations[number]
+    if location.name == ENCODER:
         waves = encoder_waves(whole, fit, number, ENCODER_HARMONICS)
         return [waves] if len(waves) > 1 else []
     if equations is None:
         return []
     others = [effect for i, effect in enumerate(fit.effects) if i != number]
-    axis = place.axis if equations.device.n_motors else 0
+    axis = location.axis if equations.device.n_motors else 0
     chosen = torque_waves(equations, equations.row(others, fit.offsets), axis, RIPPLE_HARMONICS)
     return [waves for waves in chosen if len(waves) > 1 or waves[0][1].is_integer()]
 
@@ -60,7 +60,7 @@ def _richer(whole: ResidualModel, fit: Fit, number: int, waves: Sequence[Wave], 
         for name, value in zip(("amplitude", "order", "phase"), wave, strict=True)
     }
     members = members_of(fit)
-    place = members[number][0]
-    place = replace(place, optional=tuple(p.name for p in EFFECTS[place.name].optional if p.name in given))
-    members[number] = (place, [given[p.name] for p in place.parameters])
+    location = members[number][0]
+    location = replace(location, optional=tuple(p.name for p in EFFECTS[location.name].optional if p.name in given))
+    members[number] = (location, [given[p.name] for p in location.parameters])
     return refine(whole, fit, members, scales, FINISHING)

@@ -60,7 +60,7 @@ def following(plant: JointPlant, wanted: Array, equilibrium: Array, start: Array
     driven = max(device.n_motors, 1)
     forward = -device.torque_each(equilibrium, wanted) if device.n_transmissions == driven else np.zeros_like(wanted)
     rates = np.gradient(wanted, 1.0 / rate, axis=0)
-    motors = [motor for motor in device.motors if isinstance(motor, TorqueMotor)]
+    motors = device.torque_motors
     carried = np.array([m.inertia + device.link.inertia / driven for m in motors] or [device.link.inertia])
     viscous = np.array([m.viscous_friction for m in motors] or [device.link.viscous_friction])
     limit = np.array([m.torque_limit or inf for m in motors] or [inf])

@@ -16,7 +16,7 @@ smaller until it keeps all limits. The duration is the shortest for which the de
 wanted standard deviations on simulated measurements of that motion (`excite_design`); search and duration alternate.
 
 Departure from the sources: they minimise the condition number or maximise the determinant of the information; here the
-criterion is the standard deviation that the user wants, over the presets of the working range.
+criterion is the standard deviation that the user specifies, over the presets of the working range.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from math import inf, pi, sqrt
 import numpy as np
 from via_controllers.supervision.arm_limits import ArmLimits
 from via_controllers.supervision.joint_supervision import REACH
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
@@ -86,7 +85,7 @@ class Limits:
     @classmethod
     def of(cls, device: Device, margin: float) -> Limits:
         """A share `margin` of what the supervisor of the `excitation` node lets a controller use."""
-        motors = [motor for motor in device.motors if isinstance(motor, TorqueMotor)]
+        motors = device.torque_motors
         if not motors or not device.springs:
             raise ParameterError(
                 f"'{device.name}' ({device.arrangement}, {device.drive} drive) has no torque motors on springs, whose "
@@ -207,7 +206,7 @@ class Problem:
         return Candidate(kept, score, stiffness, damping)
 
     def information(self, motion: Prescribed) -> Information:
-        """Of the motors' equations. A sample every 1/RATE stands for several, whose noise averages."""
+        """Information of the motors' equations. A sample every 1/RATE represents several, whose noise averages."""
         m, average = self.device.n_motors, sqrt(RATE / self.device.sensors.rate)
         channels = {"q": motion.q}
         for i in range(m):

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from math import inf, sqrt
 
 import numpy as np
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array, Signals
 from via_core.status import Status
@@ -115,9 +114,8 @@ class Check:
         error = np.array([np.mean(value[each] - true[each]) for each in rows])
         stated, real = np.array([np.mean(sd[each]) for each in rows]), np.array([np.mean(true[each]) for each in rows])
         last = np.flatnonzero(good)[-1]
-        motors = [motor for motor in self.device.motors if isinstance(motor, TorqueMotor)]
         columns = [estimates.column(f"motor_damping_{i + 1}") for i in range(len(self.device.springs))]
-        friction = np.array([max(motor.viscous_friction, 1e-6) for motor in motors])[: len(columns)]
+        friction = np.array([max(motor.viscous_friction, 1e-6) for motor in self.device.torque_motors])[: len(columns)]
         damping = np.array([x[last] for x, _ in columns]) / friction - 1.0
         each = np.array([s[last] for _, s in columns]) / friction
         relative = sqrt(float(np.mean(stated**2) / np.mean(real**2)))

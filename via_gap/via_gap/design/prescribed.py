@@ -13,7 +13,6 @@ from math import sin
 
 import numpy as np
 from numba import njit
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array
 from via_core.spring_equations import spring_torque
@@ -54,7 +53,7 @@ def prescribed(device: Device, time: Array, theta: Array) -> Prescribed:
     tau_e = np.zeros_like(theta)
     tau_e[:, :n] = device.torque_each(q, theta)
     tau_e[:, 0] += across * (speed - velocity[:, 0])
-    motors = [motor for motor in device.motors if isinstance(motor, TorqueMotor)]
+    motors = device.torque_motors
     inertia, friction, dry = (
         np.array([getattr(motor, name) for motor in motors])
         for name in ("inertia", "viscous_friction", "coulomb_friction")

@@ -41,7 +41,7 @@ def left_by_angles(log: JointLog, tau: Array) -> tuple[float, float, float] | No
 
 
 def _shifted(angles: list[Array], tau: Array, lag: int) -> tuple[Array, Array]:
-    """At most about POINTS pairs of angles (n, a) and the torque (n,) `lag` samples later."""
+    """Some POINTS pairs of angles (n, a) and the torque (n,) `lag` samples later; all if there are fewer."""
     x, y = np.column_stack(angles)[: len(tau) - lag], tau[lag:]
     good = np.flatnonzero(np.isfinite(x).all(axis=1) & np.isfinite(y))
     good = good[:: max(1, len(good) // POINTS)]

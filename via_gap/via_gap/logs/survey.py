@@ -21,7 +21,6 @@ from via_gap.logs.log import JointLog
 from via_gap.logs.noise import log_noise
 
 SMOOTHING = 0.02  # [s] standard deviation of the Gaussian
-STEPS = 10.0  # of the encoder that the angle must pass
 
 
 @dataclass(frozen=True)

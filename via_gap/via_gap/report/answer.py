@@ -96,7 +96,7 @@ def _where(device: Device, candidates: CandidateSet, decision: Decision, sensors
 
 
 def _weights(decision: Decision, sensors: Sequence[Cause]) -> Weights:
-    """Of each site: how often its effects are in the best model, and 1 for each error of a sensor there."""
+    """Weight of each site: how often its effects are in the best model, plus 1 for each sensor error there."""
     weights: Weights = defaultdict(float)
     for location, share in decision.shares if decision.named else ():
         weights[location.site, location.motor] += share

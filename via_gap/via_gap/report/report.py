@@ -158,9 +158,7 @@ class GapReport(Record):
     where: tuple[Where, ...]
     causes: tuple[Cause, ...]
     equivalence_set: tuple[EffectLocation, ...]  # the named causes and those tied with them on held-out data
-    conformal_set: tuple[
-        EffectLocation, ...
-    ] = ()  # contains the true cause in 95 % of cases like the calibration cases
+    conformal_set: tuple[EffectLocation, ...] = ()  # contains the true cause in 95 % of cases like the calibration's
     effects: tuple[EffectLocation, ...]  # the repair, in the order in which they were found
     gap: Gap | None
     nuisance: tuple[NuisanceValue, ...]

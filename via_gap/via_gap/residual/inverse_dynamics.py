@@ -125,7 +125,7 @@ class InverseDynamics:
         return InverseDynamics(segments, chosen, segments.nominal, windows_of(segments, segments.nominal, span))
 
     @staticmethod
-    def witness(segments: Segments, chosen: Indices) -> InverseDynamics:
+    def by_segment(segments: Segments, chosen: Indices) -> InverseDynamics:
         """The same with windows as long as a segment, the time scale of the simulated segments."""
         return InverseDynamics.of(segments, chosen, segments.ticks + 1)
 

@@ -54,7 +54,7 @@ def _slopes(errors: Errors, at: Array, now: Array) -> Array:
 
 
 def likely_start(errors: Errors, count: int) -> Array:
-    """The most likely d (k,) that all segments share, with a loss that segments nobody explains do not dominate.
+    """The most likely d (k,) that all segments share, with a loss that unexplained segments do not dominate.
 
     errors  of d (k,): (C, R)
     """

@@ -8,12 +8,13 @@
 
 A payload raises the torque of every joint by about the same share. Joint by joint it is therefore taken for a wrong
 gain of each drive; only together do the joints show it. Three models are compared by held-out errors of blocks: joints
-with wrong gains; a payload and right gains; a payload and wrong gains. The first must be clearly worse than one of the
-others; gains are wrong beside a payload only if that is clearly better, because gains can replace most of a payload.
+with wrong gains; a payload and right gains; a payload and wrong gains. The first must be significantly worse than one
+of the others; gains are wrong beside a payload only if that is significantly better, because gains can replace most of
+a payload.
 
 Both sides are averaged over windows of WINDOW: the equation holds for averages as well, and noise of the accelerations
 averages out. A window counts for a joint if its direction is certain in every sample, because dry friction is unknown
-where a joint reverses or stands; a block without any window that counts is left out.
+where a joint reverses or rests; a block without any window that counts is left out.
 
 Source: W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Butterworth-Heinemann 2002, chapter 12
 (linear regression of dynamic parameters, filtered and decimated).
@@ -217,7 +218,7 @@ class _Fit:
 
 
 def _better(right: _Fit, wrong: _Fit, test: Array) -> _Fit:
-    """Of a payload with right and with wrong gains, the second only if it is clearly better."""
+    """The payload with right gains, or with wrong gains if that is significantly better."""
     return wrong if _exceeds(right.against(wrong, test) - NUMBERS.margin, NUMBERS.significance) else right
 
 

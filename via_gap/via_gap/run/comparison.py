@@ -47,7 +47,7 @@ class Comparator:
         self._known: tuple[bool, tuple[bool, ...]] = (False, ())  # whether the joint moved; which motors were measured
 
     def compare(self, log: JointLog, device: Device) -> Comparison:
-        """As the function `compare`."""
+        """The comparison of a log with a device; see the function `compare`."""
         (log,) = believed([log])
         known = (_moves(log) or self._known[0], log.motors_seen)
         if self._noise is None or known != self._known:

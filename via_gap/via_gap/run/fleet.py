@@ -31,6 +31,7 @@ from distributed.scheduler import KilledWorker
 from distributed.security import Security
 from via_core.devices import Device
 from via_core.errors import ViaError
+from via_core.text_files import replace_text
 from via_sim.effects import place_name
 from via_sim.effects.own import loaded
 
@@ -148,10 +149,10 @@ def _kept(results: Path, row: Row, outcome: Finished | Failed) -> Row:
         row = replace(row, reason=outcome.reason.removeprefix(f"{Path(row.log).resolve()}: "))
     else:
         name = f"reports/{Path(row.log).stem}-{row.key[:SHOWN]}.json"
-        _write(results / name, outcome.report)
+        replace_text(results / name, outcome.report)
         found = row_of(read_report(outcome.report, name), row.log, row.key)
         row = replace(found, seconds=row.seconds, report=name)
-    _write(results / "rows" / f"{row.key}.json", json.dumps(asdict(row), indent=1) + "\n")
+    replace_text(results / "rows" / f"{row.key}.json", json.dumps(asdict(row), indent=1) + "\n")
     return row
 
 
@@ -221,18 +222,6 @@ def _earlier(results: Path, key: str) -> Row | None:
     except (OSError, ValueError, TypeError, ViaError):
         return None
     return row
-
-
-def _write(path: Path, text: str) -> None:
-    """Write the file completely or not at all, even if this process is killed."""
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        aside.write_text(text, encoding="utf-8")
-        aside.replace(path)
-    except OSError as error:
-        raise ViaError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 # ---- dask

@@ -1,9 +1,10 @@
 """Decision between commands with zero-order hold and commands that are interpolated linearly, with their delay.
 
 The delay is one more unknown beside those of the best model so far; one Gauss-Newton step over device parameters,
-effects and delay estimates it. Interpolation is used if the same effects, fitted again, are then clearly and materially
-better on held-out data. Without any effect, interpolation might imitate a part of one, and has to explain half of the
-error. A delay below half a sample cannot be distinguished from a slower controller; it is a note, not a cause.
+effects and delay estimates it. Interpolation is used if the same effects, fitted again, are then significantly better
+on held-out data, by a relevant amount. Without any effect, interpolation might imitate a part of one, and has to
+explain half of the error. A delay below half a sample cannot be distinguished from a slower controller; it is a note,
+not a cause.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from via_gap.residual.segments import lined
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
-from via_gap.selection.verdict import matters
+from via_gap.selection.verdict import accepted
 
 STEP = 0.05  # of a sample: finite-difference step of the delay
 
 
-def between_samples(experiment: Experiment, best: Evaluation, scales: Scales) -> Experiment | None:
-    """The experiment with interpolated commands; None if they do not matter beside `best`."""
+def with_interpolation(experiment: Experiment, best: Evaluation, scales: Scales) -> Experiment | None:
+    """The experiment with interpolated commands; None if they are not accepted beside `best`."""
     if experiment.folds is not None:
         return None
     late = _late(subset(experiment.fitted, best.fit.residual)[0], best, scales)
@@ -37,10 +38,10 @@ def between_samples(experiment: Experiment, best: Evaluation, scales: Scales) ->
     other = experiment.in_lines(late)
     lines = _refined(other, other.tuned, best, scales)
     imitated = not best.fit.effects and lines.rms - 1.0 > (1.0 - NUMBERS.remaining) * (best.rms - 1.0)
-    if imitated or not matters(lines, best, best):
+    if imitated or not accepted(lines, best, best):
         return None
     steps = _refined(experiment, best, best, scales)
-    return other if matters(lines, steps, steps) else None
+    return other if accepted(lines, steps, steps) else None
 
 
 def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales: Scales) -> Evaluation:

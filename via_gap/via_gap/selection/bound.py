@@ -177,7 +177,7 @@ class _Folded:
         problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], weight: Array, residual: Array,
         weights: Array,
     ) -> _Folded:  # fmt: skip
-        """At the residual of a model with `weights`."""
+        """Normal equations of each fold at the residual of a model with `weights`."""
         normals, pulls = np.zeros((FOLDS, weights.size, weights.size)), np.zeros((FOLDS, weights.size))
         made = _Folded(problem, pulses, functions, weight, normals, pulls)
         for fold, matrix, rest in made._blocks(residual):

@@ -1,7 +1,7 @@
 """Search for models, and for what the logs do not contain: commands between samples, and times of single events.
 
-Commands between the samples of a log are not known. If straight lines explain the motion better than steps
-(between.py), the search is repeated with lines.
+Commands between the samples of a log are not known. If linear interpolation explains the motion better than a
+zero-order hold (between.py), the search is repeated with interpolated commands.
 
 Blocks of a log mislead where a motion repeats with them: a wall that only fitted blocks touch improves no held-out
 block. If a model leaves an error on one side alone, the search is repeated with finely alternating segments.
@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, event_times, members_of, refine
-from via_gap.selection.between import between_samples
+from via_gap.selection.between import with_interpolation
 from via_gap.selection.evidence import Evaluation, predicts, vetoed
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.plausibility import doubt
@@ -42,20 +42,20 @@ def candidates_of(experiment: Experiment) -> CandidateSet:
 def compare_models(experiment: Experiment, candidates: CandidateSet, progress: Progress) -> ModelComparison:
     """Models that explain the gap, compared on held-out segments; none if the tuned device leaves only noise."""
     if not noise_only(experiment.tuned):
-        lines = between_samples(experiment, experiment.tuned, candidates.scales)
+        lines = with_interpolation(experiment, experiment.tuned, candidates.scales)
         if lines is not None:
             experiment, candidates = lines, candidates_of(lines)
     if noise_only(experiment.tuned):
         return ModelComparison(experiment, candidates, [])
     found: list[Experiment] = []
 
-    def lines_matter(best: Evaluation) -> bool:
-        other = between_samples(experiment, best, candidates.scales)
+    def lines_accepted(best: Evaluation) -> bool:
+        other = with_interpolation(experiment, best, candidates.scales)
         found.extend([other] if other is not None else [])
         return bool(found)
 
-    models = _searched(experiment, candidates, progress, lines_matter)
-    if found:  # decided once: lines that help one effect a little may harm another
+    models = _searched(experiment, candidates, progress, lines_accepted)
+    if found:  # decided once: interpolation that helps one effect a little may harm another
         experiment, candidates = found[0], candidates_of(found[0])
         models = [] if noise_only(experiment.tuned) else _searched(experiment, candidates, progress)
     if experiment.lopsided(models):
@@ -89,12 +89,12 @@ def _searched(
 
 
 def _supported(experiment: Experiment, candidates: CandidateSet) -> Callable[[Evaluation], bool]:
-    """Test whether a model may be named: plausible, clearly better than no model, not vetoed by the other view."""
-    contradicts = experiment.contradicts
+    """Test whether a model may be named: plausible, significantly better than no model, not vetoed."""
+    may_veto = experiment.may_veto
 
     def supported(each: Evaluation) -> bool:
         if doubt(each.fit, candidates.scales) or not predicts(each, experiment.baseline):
             return False
-        return not (contradicts and vetoed(each, experiment.tuned))
+        return not (may_veto and vetoed(each, experiment.tuned))
 
     return supported

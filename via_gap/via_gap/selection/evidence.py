@@ -6,7 +6,7 @@ because their gap is the mean squared error. Errors of neighbouring segments are
 models are therefore resampled in blocks.
 
 One criterion serves every comparison (adding, dropping, replacing an effect; a veto of the other view): model a is
-clearly worse than model b if the lower end of the confidence interval of loss(a) - loss(b) exceeds the margin.
+significantly worse than model b if the lower end of the confidence interval of loss(a) - loss(b) exceeds the margin.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from via_gap.selection.numbers import NUMBERS
 
 BLOCK = 1.0  # [s] of segments that are resampled together; at least one segment
 RESAMPLES = 300
-NOISE = float(np.log(2.0))  # loss of sensor noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class Evaluation:
     segments  (S,) mean squared whitened error of each segment
     block     number of segments that are resampled together
     whole     whether segments are runs over whole recordings
-    witness   (W,) mean squared whitened error of each segment in the other view; empty if it is not available
+    other_view  (W,) mean squared whitened error of each segment in the other view; empty if it is not available
     fitted    (F,) that of each fitted segment; empty for cross-validation, where every segment is held out once
     """
 
@@ -46,7 +45,7 @@ class Evaluation:
     segments: Array
     block: int
     whole: bool = False
-    witness: Array = field(default_factory=lambda: np.empty(0))
+    other_view: Array = field(default_factory=lambda: np.empty(0))
     fitted: Array = field(default_factory=lambda: np.empty(0))
 
     @property
@@ -74,9 +73,9 @@ class Evaluation:
         return Evaluation(self.fit, self.fitted, self.fitted, self.block)
 
     @property
-    def by_witness(self) -> Evaluation:
+    def in_other_view(self) -> Evaluation:
         """The same fit with its error in the other view."""
-        return Evaluation(self.fit, self.witness, self.witness, self.block)
+        return Evaluation(self.fit, self.other_view, self.other_view, self.block)
 
 
 def evaluate(
@@ -92,8 +91,8 @@ def evaluate(
     seen = other.per_segment(other.residual(rows)) if other is not None else np.empty((len(fits), 0))
     known = [fitted.per_segment(fit.residual) if fitted is not None else np.empty(0) for fit in fits]
     return [
-        Evaluation(fit, residual, held.per_segment(residual), block, witness=witness, fitted=own)
-        for fit, residual, witness, own in zip(fits, residuals, seen, known, strict=True)
+        Evaluation(fit, residual, held.per_segment(residual), block, other_view=other_view, fitted=own)
+        for fit, residual, other_view, own in zip(fits, residuals, seen, known, strict=True)
     ]
 
 
@@ -112,7 +111,7 @@ def difference(a: Evaluation, b: Evaluation) -> tuple[float, float]:
     return float(np.mean(values)), float(np.std(picked))
 
 
-def clearly_worse(a: Evaluation, b: Evaluation) -> bool:
+def significantly_worse(a: Evaluation, b: Evaluation) -> bool:
     """Whether the loss of a exceeds that of b by more than the margin, at the significance in `NUMBERS`."""
     gap, sd = difference(a, b)
     return gap - quantile() * sd > NUMBERS.margin or refuted_beside(a, b)
@@ -144,7 +143,7 @@ def outdone_by(a: Evaluation, b: Evaluation) -> bool:
 
 
 def predicts(each: Evaluation, without: Evaluation) -> bool:
-    """Whether a model is clearly better than `without` a model, on all segments in which the latter errs.
+    """Whether a model is significantly better than `without` a model, on all segments in which the latter errs.
 
     Fitted segments count as well: a few parameters cannot make a model follow them. Segments that the prediction
     without a model explains up to the noise (a joint that rests) cannot show that a model is better.
@@ -153,12 +152,12 @@ def predicts(each: Evaluation, without: Evaluation) -> bool:
     errs = line > NUMBERS.no_gap
     if not np.any(errs):
         return False
-    return clearly_worse(*(replace(each, segments=segments[errs]) for segments in (line, own)))
+    return significantly_worse(*(replace(each, segments=segments[errs]) for segments in (line, own)))
 
 
 def vetoed(candidate: Evaluation, reference: Evaluation) -> bool:
-    """Whether `candidate` is clearly worse than `reference` in the other view."""
-    return bool(candidate.witness.size) and clearly_worse(candidate.by_witness, reference.by_witness)
+    """Whether `candidate` is significantly worse than `reference` in the other view."""
+    return bool(candidate.other_view.size) and significantly_worse(candidate.in_other_view, reference.in_other_view)
 
 
 def block_means(values: Array, block: int) -> Array:

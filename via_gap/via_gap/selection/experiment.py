@@ -2,9 +2,9 @@
 
 There are two views of the error of a segment: the simulation from its measured start (`Rollout`), and the missing
 torque of its equations along the measured motion (`InverseDynamics`). Models are compared by simulation, and inverse
-dynamics can veto them. If the tuned device does not predict the motion clearly better than constant velocity from each
-start, measured torque does not predict the motion, and any effect that keeps the model at rest would win. Then models
-are compared by inverse dynamics alone.
+dynamics can veto them. If the tuned device does not predict the motion significantly better than constant velocity from
+each start, measured torque does not predict the motion, and any effect that keeps the model at rest would win. Then
+models are compared by inverse dynamics alone.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 from via_core.errors import SignalError
 from via_core.signals import Array
 
-from via_gap.candidates.fit import Fit, fit_device_numbers
+from via_gap.candidates.fit import Fit, fit_device_parameters
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel, View
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Indices, Segments, lined
-from via_gap.selection.evidence import Evaluation, clearly_worse, evaluate, predicts
+from via_gap.selection.evidence import Evaluation, evaluate, predicts, significantly_worse
 from via_gap.selection.folds import Folds
 from via_gap.selection.holdout import lopsided, one_sided, split, split_finely
 from via_gap.selection.numbers import NUMBERS
@@ -38,7 +38,7 @@ class Experiment:
     train, held  indices of fitted and held-out segments, one array per log
     by           view in which models are compared
     fitted       residual model that fits minimise; `evaluated` the one on which fits are compared
-    witness      the other view of the held-out segments; None if it is not available
+    other_view   the other view of the held-out segments; None if it is not available
     nominal      evaluation of the device as filed; `tuned` with its parameters fitted
     baseline     evaluation of a prediction without a model
     folds        cross-validation over whole runs, where each run is one segment
@@ -50,7 +50,7 @@ class Experiment:
     by: By
     fitted: ResidualModel
     evaluated: ResidualModel
-    witness: ResidualModel | None
+    other_view: ResidualModel | None
     nominal: Evaluation
     tuned: Evaluation
     baseline: Evaluation
@@ -86,13 +86,13 @@ class Experiment:
             names = [known.get(s.log.name, i) for i, s in enumerate(segments) if len(train[i])]
             return made._crossed(names)
         open_loop = made.evaluated.device.drive == "torque"  # otherwise the control loop is part of the model
-        if open_loop and made.witness is not None and not predicts(made.tuned, made.baseline):
+        if open_loop and made.other_view is not None and not predicts(made.tuned, made.baseline):
             return made._by_equations() or made
         return made
 
     def evaluate(self, fits: Sequence[Fit]) -> list[Evaluation]:
         """Held-out errors of fits in both views."""
-        return evaluate(self.evaluated, fits, self.witness, self.fitted)
+        return evaluate(self.evaluated, fits, self.other_view, self.fitted)
 
     @property
     def by_equations(self) -> bool:
@@ -128,17 +128,17 @@ class Experiment:
         return ResidualModel.of(self.segments, every, _view(self.by_equations), self.fitted.robust)
 
     @property
-    def contradicts(self) -> bool:
-        """Whether the witness may veto: the tuned device is not clearly worse there than no model."""
-        if self.witness is None:
+    def may_veto(self) -> bool:
+        """Whether the other view may veto: the tuned device is not significantly worse there than no model."""
+        if self.other_view is None:
             return False
-        return not clearly_worse(self.tuned.by_witness, _baseline(self.witness, self.tuned))
+        return not significantly_worse(self.tuned.in_other_view, _baseline(self.other_view, self.tuned))
 
     def _by_equations(self) -> Experiment | None:
         """The same compared by inverse dynamics alone; None if no model predicts the torque of the drive either."""
         made = _experiment(self.segments, self.train, self.held, equations=True)
         bound = replace(made.tuned, segments=made.bound_of_equations(made.tuned.fit))
-        return None if clearly_worse(bound, made.baseline) else made
+        return None if significantly_worse(bound, made.baseline) else made
 
     def bound_of_equations(self, fit: Fit) -> Array:
         """(S,) mean squared whitened held-out missing torque that a flexible torque model beside a fit leaves."""
@@ -157,7 +157,7 @@ class Experiment:
         nominal, (tuned,) = folds.nominal(self.nominal.fit), folds.evaluate([self.tuned.fit], None)
         baseline = _baseline(self.fitted, tuned)
         return replace(
-            self, by="whole runs", folds=folds, nominal=nominal, tuned=tuned, baseline=baseline, witness=None
+            self, by="whole runs", folds=folds, nominal=nominal, tuned=tuned, baseline=baseline, other_view=None
         )
 
 
@@ -168,19 +168,19 @@ def _experiment(
     """An experiment in one view, with the device parameters fitted and evaluated."""
     view = _view(equations)
     fitted, evaluated = (ResidualModel.of(segments, side, view, robust) for side in (train, held))
-    witness = None
+    other_view = None
     if not equations:
         try:
-            witness = ResidualModel.of(segments, held, InverseDynamics.witness)
+            other_view = ResidualModel.of(segments, held, InverseDynamics.by_segment)
         except SignalError:
-            witness = None
-    base = fit_device_numbers(fitted)
+            other_view = None
+    base = fit_device_parameters(fitted)
     filed = Fit((), np.zeros_like(base.offsets), 0.0, fitted.residual([fitted.row(())])[0], np.empty((0, 0)))
-    nominal, tuned = evaluate(evaluated, [filed, base], witness, fitted)
+    nominal, tuned = evaluate(evaluated, [filed, base], other_view, fitted)
     baseline = replace(_baseline(evaluated, tuned), fitted=fitted.per_segment(fitted.baseline()))
     by: By = "inverse dynamics" if equations else "segments"
     return Experiment(
-        tuple(segments), tuple(train), tuple(held), by, fitted, evaluated, witness, nominal, tuned, baseline
+        tuple(segments), tuple(train), tuple(held), by, fitted, evaluated, other_view, nominal, tuned, baseline
     )
 
 

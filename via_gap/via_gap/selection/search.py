@@ -29,7 +29,7 @@ from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.plausibility import absurd
-from via_gap.selection.verdict import improves, noise_only, simplest
+from via_gap.selection.verdict import noise_only, relevant, simplest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on held-out data
@@ -42,10 +42,8 @@ PAIRS = 4  # best pairs that are fitted
 RACED = 3  # times as many candidates beside other effects, and pairs, take a first step
 FIRST = Budget(rounds=1)
 NEAR = 30.0  # times the best loss after the first step: candidates beyond it are not fitted
-CLOSE, CLOSEST = (
-    2.0,
-    4,
-)  # times the best loss on the subset, and least number, of fits to all segments
+CLOSE = 2.0  # times the best loss on the subset: fits below it are fitted to all segments
+CLOSEST = 4  # fits to all segments at least
 EXCHANGED = 0.9  # times the loss, below which another effect replaces an earlier one
 MOST = 4  # effects
 
@@ -94,17 +92,17 @@ class Search:
             here = self if size == 0 else self._beside(current.fit)
             found = self._evaluated(here._finished(here._extended(current.fit)), models)
             step = simplest(found) if found else current
-            if not improves(step, current, self.tuned) or enough(step):
+            if not relevant(step, current, self.tuned) or enough(step):
                 break
             if size:
                 self._evaluated(here._reduced(step.fit), models)
-            current = step  # what is not clearly better yet may become so with one more
+            current = step  # what is not significantly better yet may become so with one more
         return list(models.values())
 
     def _evaluated(self, fits: Sequence[Fit], models: dict[frozenset[Location], Evaluation]) -> list[Evaluation]:
         """Held-out evaluations of those `fits` that may be named; `models` keeps one for each set of locations.
 
-        That is the best one without terms that do not matter (`simplest`).
+        That is the best one without needless parameters (`simplest`).
         """
         found = [each for each in self.evaluate(fits) if self.supported(each)]
         for each in found:
@@ -139,9 +137,9 @@ class Search:
             jacobian = self.few.nuisance_jacobian(here.effects, here.offsets, here.residual)
             slopes = member_slopes(self.few, here, self.scales)
             known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
-            near = [place for _, place, _ in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
+            near = [location for _, location, _ in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
             hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)
-        members = [[*members_of(fit), (place, values)] for _, place, values in hopeful]
+        members = [[*members_of(fit), (location, values)] for _, location, values in hopeful]
         return self._raced(here, members, jacobian, most, rival)
 
     def _raced(
@@ -172,11 +170,11 @@ class Search:
         seen = {frozenset(fit.locations) for fit in there}
         rival = min((fit.loss for fit in there), default=0.0)
         pairs = _distinct(ranked_pairs(self.start, self.jacobian, self.tried))[: RACED * PAIRS]
-        new = [members for _, members in pairs if frozenset(place for place, _ in members) not in seen]
+        new = [members for _, members in pairs if frozenset(location for location, _ in members) not in seen]
         return self._raced(self.start, new, self.jacobian, PAIRS, rival)
 
     def _exchanged(self, fit: Fit) -> list[Fit]:
-        """Fits on the subset with each earlier effect replaced by another one; continues from clearly better ones."""
+        """Fits on the subset with each earlier effect replaced by another one; continues from much better ones."""
         found: list[Fit] = []
         older = list(fit.locations[:-1])
         while older:
@@ -194,12 +192,12 @@ class Search:
         there = {frozenset(fit.locations) for fit in fits}
         found = []
         for best in sorted(fits, key=lambda fit: fit.loss)[:1]:
-            for number, (place, values) in enumerate(members_of(best)):
-                if place.kind.contains is None:
+            for number, (location, values) in enumerate(members_of(best)):
+                if location.kind.contains is None:
                     continue
-                name, which = place.kind.contains
+                name, which = location.kind.contains
                 members = members_of(best)
-                members[number] = (replace(place, name=name), [float(np.mean([values[i] for i in which]))])
+                members[number] = (replace(location, name=name), [float(np.mean([values[i] for i in which]))])
                 if frozenset(each for each, _ in members) not in there:
                     plain = refine(self.few, best, members, self.scales)
                     found += [plain] if plain is not None else []

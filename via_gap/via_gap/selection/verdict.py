@@ -1,14 +1,15 @@
 """One decision, from which verdict, named effects, ranking, shares and ties follow.
 
-Steps lead from the fitted device parameters (`tuned`) to larger sets of effects, each clearly and materially better
-than the one before. With E the whitened held-out error, and the bound that of a flexible model,
+Steps lead from the fitted device parameters (`tuned`) to larger sets of effects, each accepted beside the one before:
+significantly better, and by a relevant amount. With E the whitened held-out error, and the bound that of a flexible
+model,
 
     explained = (E(tuned) - E(step)) / (E(tuned) - E(bound))
 
 E is the root mean square, to which rare large errors contribute most, or the error of a typical segment, to which they
 contribute little. An effect may act rarely (a contact), and so may what disturbs: the larger of both fractions counts.
 
-The last step that matters is the answer. If it explains everything above the noise, in held-out and in fitted
+The last accepted step is the answer. If it explains everything above the noise, in held-out and in fitted
 segments, it is the cause (`effect`, `several_effects`); if most of the explainable error, the main cause
 (`main_effect`); if less, nothing is named (`unknown`). If no model of the motion explains the error, the verdict is
 `cannot_tell`.
@@ -25,18 +26,18 @@ from typing import Literal
 import numpy as np
 
 from via_gap.candidates.converged import converged
-from via_gap.candidates.fit import between_samples
+from via_gap.candidates.fit import delay_sd
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.selection.confidence_set import confidence_set
 from via_gap.selection.evidence import (
     Evaluation,
     block_means,
-    clearly_worse,
     freedom,
     losses,
     outdone_by,
     resamples,
+    significantly_worse,
 )
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
@@ -57,7 +58,7 @@ class Decision:
     explained   fraction of the explainable error that `chosen` explains; 1 if there is none
     shares      (location, share) of every cause compared, largest first: frequency in the best model under resampling,
                 ties divided; at most 1
-    models      the model that represents each of `shares`; for named ones `chosen`
+    models      representatives: the model behind each of `shares`; for named ones `chosen`
     equivalent  named locations, and those that held-out data do not distinguish from them
     reason      why nothing is named, for `cannot_tell`
     """
@@ -84,7 +85,7 @@ class Decision:
         if not self.named:
             return self
         fit = converged(experiment.fitted, self.chosen.fit, scales)
-        bounded = np.diag(between_samples(experiment.fitted, fit.locations) ** 2)  # by half a sample: it has its width
+        bounded = np.diag(delay_sd(experiment.fitted, fit.locations) ** 2)  # by half a sample: it has its width
         fit = replace(fit, covariance=widened(np.array(fit.values), fit.covariance - bounded) + bounded)
         if experiment.folds is not None:
             (chosen,) = experiment.folds.evaluate([fit], scales)
@@ -106,7 +107,7 @@ def decide(
     unnamed = partial(_unnamed, tuned, models)
     last = ladder(tuned, models)[-1]
     if last is tuned:
-        if matters(flexible_beside(tuned), tuned, tuned):
+        if accepted(flexible_beside(tuned), tuned, tuned):
             return unnamed("unknown")
         return unnamed("cannot_tell", "the remaining error does not repeat with the motion")
     tied = _tied(last, without_needless(_of_size(last, models)))
@@ -117,7 +118,7 @@ def decide(
     verdict, reason = _verdict(tuned, last, flexible)
     if verdict in UNNAMED:
         return unnamed(verdict, reason)
-    equivalent = tuple(dict.fromkeys(place for each in (last, *tied) for place in each.fit.locations))
+    equivalent = tuple(dict.fromkeys(location for each in (last, *tied) for location in each.fit.locations))
     if (count := len(set(_agreeing(tied)))) > NUMBERS.largest_set:
         common = _common(tied, models)
         if common is None or _verdict(tuned, common, flexible)[0] in UNNAMED:
@@ -125,8 +126,8 @@ def decide(
             return replace(unnamed("cannot_tell", reason), equivalent=equivalent)
         # which other effect acts beside it is not certain
         verdict, last, equivalent = "main_effect", common, common.fit.locations
-    shares, spoken = _ranking(last, tied[0], models)
-    return Decision(verdict, last, max(fractions(tuned, last, flexible)), shares, spoken, equivalent)
+    shares, representatives = _ranking(last, tied[0], models)
+    return Decision(verdict, last, max(fractions(tuned, last, flexible)), shares, representatives, equivalent)
 
 
 def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tuple[Verdict, str]:
@@ -135,8 +136,8 @@ def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tupl
     if max(explained) < NUMBERS.most:
         return "unknown", ""
     if max(share) < NUMBERS.substantial:
-        place = model.fit.locations[0]
-        return "cannot_tell", f"error that does not repeat with the motion exceeds the part that {place} explains"
+        location = model.fit.locations[0]
+        return "cannot_tell", f"error that does not repeat with the motion exceeds the part that {location} explains"
     fitted = fractions(tuned.on_fitted, model.on_fitted) if model.fitted.size else share
     if min(*explained, *share, *fitted) < NUMBERS.complete:
         return "main_effect", ""
@@ -153,11 +154,11 @@ def _ranking(
     alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
     shares = _shares(without_needless(_of_size(best, models)))
     ranked = sorted(
-        ((place, round(share, 9), model) for (place, share), model in zip(*shares, strict=True)),
+        ((location, round(share, 9), model) for (location, share), model in zip(*shares, strict=True)),
         key=lambda each: (-each[1], each[0] not in named.fit.locations, alone.get(each[0], np.inf)),
     )
-    spoken = tuple(named if place in named.fit.locations else model for place, _, model in ranked)
-    return tuple((place, share) for place, share, _ in ranked), spoken
+    representatives = tuple(named if location in named.fit.locations else model for location, _, model in ranked)
+    return tuple((location, share) for location, share, _ in ranked), representatives
 
 
 def _of_size(model: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
@@ -183,15 +184,15 @@ def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None 
     return found[0], found[1]
 
 
-def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
-    """Whether a model with more effects is clearly and materially better than one with fewer."""
-    return improves(more, fewer, tuned) and (clearly_worse(fewer, more) or outdone_by(fewer, more))
+def accepted(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
+    """Whether a model with more effects is significantly better than one with fewer, by a relevant amount."""
+    return relevant(more, fewer, tuned) and (significantly_worse(fewer, more) or outdone_by(fewer, more))
 
 
-def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
-    """Whether a model with more effects is materially better, clearly or not, by one of the two errors.
+def relevant(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
+    """Whether a model with more effects is better by a relevant amount in one of the two errors, significantly or not.
 
-    It has to explain a material share of the error, or half of the remaining error above the noise.
+    It has to explain the share `material` of the error, or half of the remaining error above the noise.
     """
     for error in ERRORS:
         gain = error(fewer) - max(error(more), 1.0)
@@ -202,11 +203,11 @@ def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
 
 
 def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
-    """The tuned device, then larger and larger sets of effects, each of which matters beside the one before."""
+    """The tuned device, then larger and larger sets of effects, each accepted beside the one before."""
     steps = [tuned]
     for size in sorted({len(each.fit.effects) for each in models} - {0}):
         step = simplest([each for each in models if len(each.fit.effects) == size])
-        if matters(step, steps[-1], tuned):
+        if accepted(step, steps[-1], tuned):
             steps.append(step)
     return steps
 
@@ -217,11 +218,11 @@ def simplest(models: Sequence[Evaluation]) -> Evaluation:
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
-    """The models without those that are not clearly better than one with fewer parameters at the same sites."""
+    """The models without those that are not significantly better than one with fewer parameters at the same sites."""
 
     def needless(each: Evaluation, other: Evaluation) -> bool:
         same = _sites(each) == _sites(other) and freedom(other.fit) < freedom(each.fit)
-        return same and not clearly_worse(other, each)
+        return same and not significantly_worse(other, each)
 
     return [each for each in models if not any(needless(each, other) for other in models)]
 
@@ -254,7 +255,7 @@ def _apart(one: Evaluation, other: Evaluation) -> float:
 
 
 def _plainest(tied: Sequence[Evaluation]) -> Evaluation:
-    """Of the models that are the first one under another name, the one with the fewest parameters."""
+    """The model with the fewest parameters among those that are the first one under another name."""
     same = [each for each, number in zip(tied, _agreeing(tied), strict=True) if number == 0]
     return min(same, key=lambda each: (freedom(each.fit), each.score, str(each.fit.locations)))
 
@@ -278,16 +279,17 @@ def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float],
     total: dict[Location, float] = {}
     model: dict[Location, tuple[float, Evaluation]] = {}
     for each, part in zip(rivals, map(float, share), strict=True):
-        for place in each.fit.locations:
-            total[place] = total.get(place, 0.0) + part
-            if place not in model or part > model[place][0]:
-                model[place] = part, each
-    order = sorted(total, key=lambda place: (-total[place], freedom(model[place][1].fit)))
-    return tuple((place, min(total[place], 1.0)) for place in order), tuple(model[place][1] for place in order)
+        for location in each.fit.locations:
+            total[location] = total.get(location, 0.0) + part
+            if location not in model or part > model[location][0]:
+                model[location] = part, each
+    order = sorted(total, key=lambda location: (-total[location], freedom(model[location][1].fit)))
+    shares = tuple((location, min(total[location], 1.0)) for location in order)
+    return shares, tuple(model[location][1] for location in order)
 
 
 def _unnamed(tuned: Evaluation, models: Sequence[Evaluation], verdict: Verdict, reason: str = "") -> Decision:
     """A decision that names nothing: the tuned device, with single causes ranked beside it."""
     singles = without_needless([each for each in models if len(each.fit.effects) == 1])
-    shares, spoken = _shares([tuned, *singles])
-    return Decision(verdict, tuned, 0.0, shares, spoken, (), reason)
+    shares, representatives = _shares([tuned, *singles])
+    return Decision(verdict, tuned, 0.0, shares, representatives, (), reason)

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -33,6 +33,7 @@ from via_core.parameters import parameter
 from via_ros import qos
 from via_ros.interfaces import ENCAPSULATION, NUMBERED, message_class, opening_of
 from via_ros.parameters import declare
+from via_ros.reports import pairs, report
 from via_ros.spin import STEADY, run
 
 POLL = 0.1  # [s] interval of discovery
@@ -119,7 +120,7 @@ class Recorder(Node):
                 self.get_logger().warning(f"{name} is not recorded: {error}")
 
     def _name_missing(self) -> None:
-        """Log the wanted topics that nobody publishes, beside those that there are; again when these change."""
+        """Log the wanted topics without a publisher, beside those that exist; again when these change."""
         missing = sorted(name for name in self._wanted if not self.get_publishers_info_by_topic(name))
         if not missing:
             self._hint.cancel()
@@ -194,8 +195,7 @@ class Recorder(Node):
         self.get_logger().warning(f"simulated time has jumped {self._jumps} times")
 
     def _report(self) -> None:
-        report = DiagnosticArray()
-        report.header.stamp = self.get_clock().now().to_msg()
+        statuses = []
         for name in self._wanted.keys() | self.counts.keys():
             count = self.counts.get(name)
             level, text = DiagnosticStatus.OK, "recording"
@@ -211,9 +211,9 @@ class Recorder(Node):
             if count is not None:
                 shown = {"messages": count.messages, "lost": count.lost, "malformed": count.malformed}
                 shown |= {"sent before the first": count.before, "bytes": count.size}
-                status.values = [KeyValue(key=key, value=str(value)) for key, value in shown.items()]
-            report.status.append(status)
-        self._reports.publish(report)
+                status.values = pairs(shown)
+            statuses.append(status)
+        report(self, self._reports, statuses)
 
     def close(self, failed: bool = False) -> None:
         """Close the bag under its final name; after a failure leave it under its unfinished name."""

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
@@ -24,7 +23,7 @@ from typing import Any
 
 import yaml
 from via_core.errors import ParameterError
-from via_core.text_files import read_text, read_yaml
+from via_core.text_files import read_text, read_yaml, replace_text
 
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import PAIRED, Effect
@@ -66,14 +65,7 @@ def effects_text(effects: Sequence[Effect], intervals: Sequence[Intervals] = ())
 
 def save_effects(path: str | Path, effects: Sequence[Effect], intervals: Sequence[Intervals] = ()) -> None:
     """Write `effects` atomically. Raises ParameterError where the file cannot be written."""
-    target = Path(path)
-    draft = target.with_name(f".{target.name}.{os.getpid()}")
-    try:
-        draft.write_text(effects_text(effects, intervals), encoding="utf-8")
-        draft.replace(target)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
-        raise ParameterError(f"{path}: cannot be written: {error.strerror}") from None
+    replace_text(Path(path), effects_text(effects, intervals), ParameterError)
 
 
 def _effect(entry: object, where: str) -> Effect:

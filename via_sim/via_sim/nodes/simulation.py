@@ -14,7 +14,7 @@ free      ticks as fast as possible under the last command
 
 Commands that do not fit the robot, and commands that make the state overflow, are ignored and counted. While two nodes
 command the robot, all commands are refused. A simulator does not begin while another node publishes samples of its
-joints, stops again if it hears one of them soon after (discovery takes time), and refuses all commands if one begins
+joints, stops again if it receives one of them soon after (discovery takes time), and refuses all commands if one begins
 later. Diagnostics name these nodes.
 """
 
@@ -26,7 +26,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
@@ -39,7 +39,8 @@ from via_interfaces.msg import VsaCommand
 from via_ros import qos
 from via_ros.conversions import Command, set_stamp
 from via_ros.gate import Gate, RenewedSubscription
-from via_ros.peers import CommandOrigin, DriverOrigin, commanders, drivers, rivalry
+from via_ros.peers import CommandOrigin, DriverOrigin, rivalry
+from via_ros.reports import report, status_of
 from via_ros.serialised import JointStateBytes, decoded_command, raw
 from via_ros.spin import STEADY
 
@@ -295,11 +296,9 @@ class SimulationNode(Node, Generic[Row]):
     def _report(self) -> None:
         trips, mode, silent = self.round_trips, self._times.mode, self._stamp() - self._command_stamp > WATCHDOG
         troubles, values = self._diagnose()
-        commanding = commanders(self, self._commands.topic_name)
-        driving = drivers(self, "/joint_states", self._commands.topic_name)
+        rivals, peers = rivalry(self, self._commands.topic_name)
         troubles = {
-            rivalry("commanders", commanding): len(commanding) > 1,
-            rivalry("drivers", driving): len(driving) > 1,
+            **rivals,
             f"refused requests: {self.gate.reason}": self.gate.refused > 0,
             "waiting for listeners and commands": not self._running and not self.finished.done(),
             "passive, no command": mode == "realtime" and silent and self._running,
@@ -308,13 +307,6 @@ class SimulationNode(Node, Generic[Row]):
             "refused commands": self._refused > 0,
             **troubles,
         }
-        warnings = [text for text, applies in troubles.items() if applies]
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK,
-            name=f"{self.get_name()}: {mode}",
-            message=", ".join(warnings) or "running",
-            hardware_id=self._name,
-        )
         rate, self._reported = (self._tick - self._reported) / REPORT, self._tick
         values = {
             "ticks": self._tick, "rate [Hz]": f"{rate:g}", "late ticks": self._late, "skips of time": self._skipped,
@@ -323,11 +315,7 @@ class SimulationNode(Node, Generic[Row]):
             "round trip, 99 % [ms]": f"{trips.percentile(99.0):.3f}",
             "round trip, largest [ms]": f"{trips.largest:.3f}",
             "commands refused for a second commander or driver": self._mixed,
-            "commanders": ", ".join(commanding), "drivers": ", ".join(driving),
-            "unmatched commands": self._unmatched, "repeated samples": self._repeats,
+            **peers, "unmatched commands": self._unmatched, "repeated samples": self._repeats,
             **values,
         }  # fmt: skip
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        report = DiagnosticArray(status=[status])
-        report.header.stamp = self.get_clock().now().to_msg()
-        self._reports.publish(report)
+        report(self, self._reports, [status_of(f"{self.get_name()}: {mode}", self._name, troubles, values)])

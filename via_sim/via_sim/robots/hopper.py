@@ -50,7 +50,7 @@ class HopperPlant(Body[HopperState]):
 
     @cached_property
     def _addresses(self) -> tuple[list[int], list[int], list[int]]:
-        """Of joints and motors, whose angles and velocities have the same addresses, and of the feet."""
+        """Addresses of joints and motors, the same for angles and velocities, and numbers of the feet."""
         joints = [self._model.joint(name).qposadr[0] for name in JOINTS]
         motors = [self._model.joint(f"{name}_motor").qposadr[0] for name in JOINTS]
         return joints, motors, [self._model.geom(f"{side}_foot").id for side in ("front", "rear")]

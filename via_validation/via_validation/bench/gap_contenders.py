@@ -11,7 +11,7 @@ from mujoco import sysid
 from scipy.optimize import least_squares
 from via_core.devices import Device, parse_device
 from via_core.signals import Array, Signals
-from via_gap.candidates.fit import fit_device_numbers, refine
+from via_gap.candidates.fit import fit_device_parameters, refine
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
 from via_gap.design.commands import following
@@ -96,7 +96,7 @@ def by_via(log: JointLog) -> Array:
     """Fit by via_gap: (3,) in the order of NAMES."""
     segments = cut_log(log)
     problem = _problem(segments)
-    base = fit_device_numbers(problem)
+    base = fit_device_parameters(problem)
     every = np.flatnonzero(segments.valid)
     scales = scales_of(
         [segments],

@@ -13,8 +13,9 @@ from rich.text import Text
 from via_bringup.cli.console import answers, errors, table
 from via_core.errors import ViaError
 from via_gap.report.report import read_report
-from via_gap.selection.reliability import Calibrated, calibrated, shipped
+from via_gap.selection.reliability import shipped
 
+from via_validation.calibration import Calibrated, calibrated
 from via_validation.provenance import provenance
 
 app = typer.Typer(

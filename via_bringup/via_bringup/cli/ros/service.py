@@ -71,7 +71,7 @@ def send(
 
 
 def _cancel(now: Session, sent: Future) -> None:
-    """Cancel a goal that was sent; a line says so if that is not confirmed."""
+    """Cancel a goal that was sent; prints a line if the cancellation is not confirmed."""
     if now.wait(sent.done, CANCELLING) and not sent.result().accepted:
         return
     if not (sent.done() and now.wait(sent.result().cancel_goal_async().done, CANCELLING)):

@@ -83,7 +83,7 @@ class Session:
         return {name: types for name, types in self.node.get_topic_names_and_types() if "/_" not in name}
 
     def until(self, condition: Callable[[], bool], what: str, known: Callable[[], list[str]] = list) -> None:
-        """Wait without limit until condition(); after PATIENCE a line says for `what`, and what there is."""
+        """Wait without limit until condition(); after PATIENCE prints what is awaited (`what`) and what is `known`."""
         if self.wait(condition, PATIENCE):
             return
         there = ", ".join(sorted(known()))
@@ -117,7 +117,7 @@ class Session:
 
         Until then it loses their requests, and discovery in that direction can take seconds longer than in this one.
         Clients are announced in the order in which they were made. So once the node has answered another one, made
-        here, it knows all. A node that does not list its parameters is given LONGEST instead.
+        here, it has found all. For a node that does not list its parameters, this waits LONGEST instead.
         """
         found: list[str] = []
 

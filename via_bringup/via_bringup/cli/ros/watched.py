@@ -1,4 +1,4 @@
-"""What `via watch` knows of the joints on the graph: the newest message of each topic, and counts of samples.
+"""Data that `via watch` shows of the joints on the graph: the newest message of each topic, and counts of samples.
 
 No executor runs: a callback costs a tenth of a millisecond, too much for 16 joints at 1 kHz. `look` takes the messages
 that have arrived since the last one instead; of estimates the middleware keeps the newest only.
