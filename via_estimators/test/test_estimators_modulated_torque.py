@@ -67,8 +67,11 @@ def joints():
     return {case: cubic_joint(case) for case in ("E1", "E2")}
 
 
-def planted(period=1e-3, count=3000, jitter=0.0, seed=0):
-    """Rows of one motor in prescribed motion, torque from the motor equation itself; B .02, D .3, 8 phi + 5 phi^3."""
+def planted(period=1e-3, count=3000, jitter=0.0, seed=0, loss=0.0):
+    """Rows of one motor in prescribed motion, torque from the motor equation itself; B .02, D .3, 8 phi + 5 phi^3.
+
+    loss  damping of the transmission [N m s/rad]
+    """
     t = period * (np.arange(count) + jitter * np.random.default_rng(seed).uniform(-0.5, 0.5, count))
 
     def motion(t):
@@ -76,7 +79,8 @@ def planted(period=1e-3, count=3000, jitter=0.0, seed=0):
         rate = 2.1 * np.cos(7.0 * t) + 2.6 * np.cos(13.0 * t + 1.0)
         acceleration = -14.7 * np.sin(7.0 * t) - 33.8 * np.sin(13.0 * t + 1.0)
         q = 0.5 * np.sin(4.0 * t)
-        return q, theta, 0.02 * acceleration + 0.3 * rate - 8.0 * (q - theta) - 5.0 * (q - theta) ** 3
+        spring = 8.0 * (q - theta) + 5.0 * (q - theta) ** 3 + loss * (2.0 * np.cos(4.0 * t) - rate)
+        return q, theta, 0.02 * acceleration + 0.3 * rate - spring
 
     q, theta, _ = motion(t)
     step = np.diff(t, prepend=t[0] - period)
@@ -131,8 +135,26 @@ def test_a_torque_that_is_late_or_early_is_recognised(late):
     later = shifted[:, 0] > 3.0
     _, estimates = ONE.run_rows(shifted)
     assert np.abs(estimates.value[:, 0] - truth[10:-10])[later].max() < 2e-3 * truth.max()
-    _, fixed = ModulatedTorque(replace(ONE.parameters, delay_deviation=1e-9)).run_rows(shifted)
+    # Damping of the transmission would imitate a part of the delay.
+    _, fixed = ModulatedTorque(replace(ONE.parameters, delay_deviation=1e-9, loss_deviation=1e-9)).run_rows(shifted)
     assert np.abs(fixed.value[:, 0] - truth[10:-10])[later].max() > 0.02 * truth.max()
+
+
+def test_damping_of_the_transmission_does_not_change_the_stiffness():
+    rows, truth = planted(count=6000, loss=0.2)
+    later = rows[:, 0] > 3.0
+    _, estimates = ONE.run_rows(rows)
+    assert np.abs(estimates.value[:, 0] - truth)[later].max() < 2e-3 * truth.max()
+    assert estimates.column("motor_damping_1")[0][-1] == pytest.approx(0.3, rel=1e-3)
+    _, elastic = ModulatedTorque(replace(ONE.parameters, loss_deviation=1e-9)).run_rows(rows)
+    assert np.abs(elastic.value[:, 0] - truth)[later].max() > 0.02 * truth.max()
+
+
+def test_the_damper_of_a_device_file_is_where_its_estimate_starts():
+    device = load_device("visco_elastic_demo")
+    own = ModulatedTorque.from_device(device).parameters
+    assert own.loss_prior == pytest.approx(1.0) and own.loss_deviation >= 1.6  # .4 to 1.6 N m s/rad by command
+    assert ModulatedTorque.from_device(load_device("cubic_demo")).parameters.loss_prior == 0.0
 
 
 def test_an_offset_of_both_angles_has_no_effect():

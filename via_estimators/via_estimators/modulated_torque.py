@@ -4,8 +4,8 @@ Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D th
 F and a torque that is reported d late, is multiplied by a modulating function psi that vanishes with its derivatives at
 both ends of a window (Prop. 1):
 
-    <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + G <sat(thd / v_s), psi> + d <tau, psi'>
-                 - sum_p a_p <f_p(phi), psi>
+    <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + G <sat(thd / v_s), psi> + g <phi, psi'>
+                 + d <tau, psi'> - sum_p a_p <f_p(phi), psi>
 
 with f_p = s (phi/s)^p / p, f_0 = s, so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of
 stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned
@@ -13,9 +13,10 @@ against each other) also needs 0, 2, 4, .. The delay also enters to second order
 right side is less by d^2 <tau, psi''> / 2.
 
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
-D, F and d are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change
+D, F, d and the damping g of the transmission, that of its damper or of the material of its spring, are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change
 in time (`interacting_models`). sat is linear within -1..1 and constant beyond: friction that builds up (presliding) or
-falls (Stribeck) with speed is a sum of F and G. Without G it would be taken for damping.
+falls (Stribeck) with speed is a sum of F and G. Without G it would be taken for damping. Without g, a damped spring has
+the stiffness that its torque shows in phase with the motor.
 
 There are two equations per window length. Neighbours then share so little of psi that their noise is independent (its
 correlation is .04), and still they use 91 % of the information in all samples. An equation holds in the middle of its
@@ -63,6 +64,7 @@ ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
+RELAXATION = 0.01  # [s] standard deviation of damping over stiffness of a spring: rubber has some milliseconds
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative.
 KEPT = slots("moved", "moving", after=VISITED)
@@ -91,6 +93,8 @@ class ModulatedTorqueParameters(Parameters):
     damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
     friction_prior: float = parameter(0.0, "dry friction of a motor before any data", "N m", 0.0, 1e6)
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
+    loss_prior: float = parameter(0.0, "damping of a transmission before any data", "N m s/rad", 0.0, 1e4)
+    loss_deviation: float = parameter(3.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
     delay_deviation: float = parameter(
         0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
     )
@@ -117,6 +121,7 @@ class ModulatedTorque(Estimator):
         slowest = SLOWEST * spring.max_deflection * window / device.sensors.rate
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
+        known |= _loss_of(device, known["stiffness_deviation"])
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         if device.tolerances.torque_timing > 0.0:
             known["delay_deviation"] = device.tolerances.torque_timing
@@ -148,13 +153,13 @@ class ModulatedTorque(Estimator):
         """Parameter row of the kernel; writable, since a locked array compiles again."""
         own, n = self.parameters, self._unknowns
         mean, width = np.zeros(n), np.full(n, own.stiffness_deviation)
-        mean[[U.inertia, U.damping, U.friction, U.size]] = (
-            own.inertia_prior, own.damping_prior, own.friction_prior, own.stiffness_prior,
+        mean[[U.inertia, U.damping, U.friction, U.loss, U.size]] = (
+            own.inertia_prior, own.damping_prior, own.friction_prior, own.loss_prior, own.stiffness_prior,
         )  # fmt: skip
         width[n - 1] = 1.0
         width[: U.size] = (
             own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.friction_deviation,
-            own.delay_deviation,
+            own.loss_deviation, own.delay_deviation,
         )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
@@ -178,6 +183,15 @@ class ModulatedTorque(Estimator):
     @cached_property
     def _advance(self) -> Kernel:
         return partial(_advance, self._constants)
+
+
+def _loss_of(device: Device, stiffness: float) -> dict[str, float]:
+    """Prior of the damping of a transmission: that of its damper, or of a spring of `stiffness` [N m/rad]."""
+    deviation = RELAXATION * stiffness
+    if device.damper is None or device.damper.site != "transmission":
+        return {"loss_deviation": deviation}
+    least, most = (float(device.damping_of(u)) for u in (0.0, 1.0))
+    return {"loss_prior": 0.5 * (least + most), "loss_deviation": max(most, deviation)}
 
 
 def _window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> int:

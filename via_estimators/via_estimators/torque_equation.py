@@ -23,7 +23,8 @@ P = slots(
     "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
     "torque_scale_deviation", "steadiness",
 )  # fmt: skip
-U = slots("inertia", "damping", "friction", "slow", "delay")  # followed by the coefficients of the spring law
+# Followed by the coefficients of the spring law.
+U = slots("inertia", "damping", "friction", "slow", "loss", "delay")
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 THETA, TAU, PHI = range(3)  # columns of a transmission in the ring
 
@@ -76,6 +77,7 @@ def fill_row(
         y += (held[k] + 0.5 * delay * delay * psi[2, k]) * tau[k]
         row[U.inertia] += psi[2, k] * theta[k]
         row[U.damping] -= psi[1, k] * theta[k]
+        row[U.loss] += psi[1, k] * phi[k]
         row[U.delay] += late[k] * tau[k]
         z = phi[k] / scale
         weight, squared = psi[0, k] * scale, z * z
