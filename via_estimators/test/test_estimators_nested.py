@@ -12,8 +12,8 @@ def least_squares(rows, y, known):
     part = rows[:, free]
     P = np.linalg.inv(part.T @ part + np.eye(len(free)))
     x = P @ part.T @ rest
-    spread = np.eye(len(y)) + part @ part.T
-    evidence = -0.5 * (rest @ np.linalg.solve(spread, rest) + np.linalg.slogdet(spread)[1])
+    total = np.eye(len(y)) + part @ part.T
+    evidence = -0.5 * (rest @ np.linalg.solve(total, rest) + np.linalg.slogdet(total)[1])
     mean, covariance = np.zeros(rows.shape[1]), np.zeros((rows.shape[1],) * 2)
     mean[free], covariance[np.ix_(free, free)] = x, P
     for j, value in known.items():
@@ -30,14 +30,14 @@ def test_it_is_the_mixture_of_both_least_squares_by_their_evidence(truth, value)
     whole, simpler = least_squares(rows, y, {}), least_squares(rows, y, {2: value})
     weight = 1.0 / (1.0 + np.exp(whole[2] - simpler[2]))
     mean = (1.0 - weight) * whole[0] + weight * simpler[0]
-    spread = sum(
+    covariance = sum(
         share * (each[1] + np.outer(each[0] - mean, each[0] - mean))
         for share, each in ((1.0 - weight, whole), (weight, simpler))
     )
     x, P = whole[0].copy(), whole[1].copy()
     allow(x, P, 2, value)
     np.testing.assert_allclose(x, mean, atol=1e-9)
-    np.testing.assert_allclose(P, spread, atol=1e-9)
+    np.testing.assert_allclose(P, covariance, atol=1e-9)
 
 
 def test_an_effect_that_the_data_exclude_leaves_the_simpler_model():
