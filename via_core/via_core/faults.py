@@ -140,8 +140,10 @@ def _channels(device: Device, samples: Samples) -> Iterator[tuple[str, Array]]:
 
 
 def _frozen(device: Device, samples: Samples) -> Fault | None:
-    """The channels that repeat one number throughout."""
+    """The channels that repeat one number throughout; the preset of a serial joint may rest."""
     names = {name: column[0] for name, column in _channels(device, samples) if np.all(column == column[0])}
+    if device.arrangement == "serial":
+        names.pop("theta_2", None)
     if not names:
         return None
     subject, zero = ", ".join(names), all(value == 0.0 for value in names.values())

@@ -4,12 +4,11 @@ Motor i with a measured torque, multiplied by modulating functions (via_core.wea
 
     tau_i = b theta_i'' + d theta_i' + c sign(theta_i') + s(t) load_i + e - g phi_i',    load_i = -tau_e,i(phi_i)
 
-with phi_i = q - theta_i is solved by least squares with inertia b and load factor s within `device_factor` of the file,
-friction d, c >= 0, damping g >= 0 of the transmission and an offset |e| <= OFFSET of the load. Springs may change
-during the interval: s(t) is piecewise linear with KNOTS values, each within its bounds; more values also explain a
-reversed link angle. s is constant where the link's encoder repeats one number, since a frozen encoder looks like such a
-change. What remains is compared
-with the largest part of the equation,
+with phi_i = q - theta_i, and in a serial joint the preset of motor 2, is solved by least squares, inertia b and load
+factor s within `device_factor` of the file, friction d, c >= 0, damping g >= 0 of the transmission and an offset
+|e| <= OFFSET of the load. Springs may change during the interval: s(t) is piecewise linear with KNOTS values, each
+within its bounds; more values also explain a reversed link angle. s is constant where the link's encoder repeats one
+number, since a frozen encoder looks like such a change. What remains is compared with the largest part of the equation,
 
     unexplained = sqrt((rss - noise) / max(|tau|^2, |b theta''|^2, |s load|^2)),
 
@@ -82,7 +81,14 @@ class MotorEquation(Equation):
         if np.mean(np.abs(deflection) > reach) > 0.5:
             return Share(1.0, np.inf)
         clipped = np.clip(deflection, -reach, reach)
-        load, stiffness, sensors = -spring.torque(clipped, angle), spring.stiffness(clipped, angle), self.device.sensors
+        preset = samples.theta[:, -1] if self.device.arrangement == "serial" else angle
+        if not np.isfinite(preset).any():  # motor 2 of a serial joint is not measured
+            return Share(0.0, 0.0)
+        load, stiffness, sensors = (
+            -spring.torque(clipped, preset),
+            spring.stiffness(clipped, preset),
+            self.device.sensors,
+        )
         step, link = sensors.motor_quantum or 0.0, sensors.link_quantum or 0.0
         coarse = sqrt(float(np.nanmean(stiffness**2)) * (step * step + link * link) / 12.0) if len(angle) else 0.0
         columns = finite_columns(samples.time, samples.torque[:, self.drive], angle, deflection, load)

@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from via_core.devices import load_device
 from via_core.status import Status
 from via_estimators.modulated_torque import ModulatedTorque, ModulatedTorqueParameters
+from via_estimators.torque_equation import COLUMNS, ON_LONG, ON_SHORT, THETA, slide
 
 INERTIA, DAMPING, CUBIC = 1e-4, 1.27, 10.0
 PLAIN = ModulatedTorqueParameters(order=2, deflection_scale=2.0, steadiness=1.0, torque_noise=1.0, position_noise=0.0)
@@ -67,8 +68,11 @@ def joints():
     return {case: cubic_joint(case) for case in ("E1", "E2")}
 
 
-def planted(period=1e-3, count=3000, jitter=0.0, seed=0):
-    """Rows of one motor in prescribed motion, torque from the motor equation itself; B .02, D .3, 8 phi + 5 phi^3."""
+def planted(period=1e-3, count=3000, jitter=0.0, seed=0, loss=0.0):
+    """Rows of one motor in prescribed motion, torque from the motor equation itself; B .02, D .3, 8 phi + 5 phi^3.
+
+    loss  damping of the transmission [N m s/rad]
+    """
     t = period * (np.arange(count) + jitter * np.random.default_rng(seed).uniform(-0.5, 0.5, count))
 
     def motion(t):
@@ -76,7 +80,8 @@ def planted(period=1e-3, count=3000, jitter=0.0, seed=0):
         rate = 2.1 * np.cos(7.0 * t) + 2.6 * np.cos(13.0 * t + 1.0)
         acceleration = -14.7 * np.sin(7.0 * t) - 33.8 * np.sin(13.0 * t + 1.0)
         q = 0.5 * np.sin(4.0 * t)
-        return q, theta, 0.02 * acceleration + 0.3 * rate - 8.0 * (q - theta) - 5.0 * (q - theta) ** 3
+        spring = 8.0 * (q - theta) + 5.0 * (q - theta) ** 3 + loss * (2.0 * np.cos(4.0 * t) - rate)
+        return q, theta, 0.02 * acceleration + 0.3 * rate - spring
 
     q, theta, _ = motion(t)
     step = np.diff(t, prepend=t[0] - period)
@@ -131,8 +136,55 @@ def test_a_torque_that_is_late_or_early_is_recognised(late):
     later = shifted[:, 0] > 3.0
     _, estimates = ONE.run_rows(shifted)
     assert np.abs(estimates.value[:, 0] - truth[10:-10])[later].max() < 2e-3 * truth.max()
-    _, fixed = ModulatedTorque(replace(ONE.parameters, delay_deviation=1e-9)).run_rows(shifted)
+    # Friction and damping of the transmission would imitate a part of the delay.
+    punctual = replace(ONE.parameters, delay_deviation=1e-9, loss_deviation=1e-9, friction_deviation=1e-9)
+    _, fixed = ModulatedTorque(punctual).run_rows(shifted)
     assert np.abs(fixed.value[:, 0] - truth[10:-10])[later].max() > 0.02 * truth.max()
+
+
+def test_damping_of_the_transmission_does_not_change_the_stiffness():
+    rows, truth = planted(count=6000, loss=0.2)
+    later = rows[:, 0] > 3.0
+    _, estimates = ONE.run_rows(rows)
+    assert np.abs(estimates.value[:, 0] - truth)[later].max() < 2e-3 * truth.max()
+    assert estimates.column("motor_damping_1")[0][-1] == pytest.approx(0.3, rel=1e-3)
+    _, elastic = ModulatedTorque(replace(ONE.parameters, loss_deviation=1e-9)).run_rows(rows)
+    assert np.abs(elastic.value[:, 0] - truth)[later].max() > 0.02 * truth.max()
+
+
+def yielding(theta, travel):
+    """Friction (N,) that builds up over `travel` [rad], Dahl's model: dz = dtheta / travel (1 - z sign dtheta)."""
+    z = np.zeros(len(theta))
+    for k in range(1, len(theta)):
+        moved = (theta[k] - theta[k - 1]) / travel
+        z[k] = np.sign(moved) + (z[k - 1] - np.sign(moved)) * np.exp(-abs(moved)) if moved else z[k - 1]
+    return z
+
+
+@pytest.mark.parametrize("travel", [1e-3, 5e-3, 2e-2])
+def test_friction_that_builds_up_with_travel_is_not_taken_for_stiffness(travel):
+    rows, truth = planted(count=10000)
+    rows[:, 3] += 0.3 * yielding(rows[:, 2], travel) + 1e-3 * np.random.default_rng(1).standard_normal(len(rows))
+    _, estimates = ModulatedTorque(replace(ONE.parameters, friction_deviation=0.3)).run_rows(rows)
+    assert np.abs(estimates.value[:, 0] - truth)[rows[:, 0] > 3.0].max() < 4e-3 * truth.max()
+
+
+def test_a_gap_forgets_how_far_friction_had_built_up():
+    ring = np.zeros((COLUMNS, 4))
+    ring[THETA] = 0.0, 1e-3, 6e-3, 6e-3
+    slide(ring, -1, 0)
+    slide(ring, 0, 1)
+    slide(ring, 1, 2)
+    slide(ring, -1, 3)
+    np.testing.assert_allclose(ring[ON_SHORT], [0.0, 0.5, 1.0, 0.0])
+    np.testing.assert_allclose(ring[ON_LONG], [0.0, 0.05, 0.3, 0.0])
+
+
+def test_the_damper_of_a_device_file_is_where_its_estimate_starts():
+    device = load_device("visco_elastic_demo")
+    own = ModulatedTorque.from_device(device).parameters
+    assert own.loss_prior == pytest.approx(1.0) and own.loss_deviation >= 1.6  # .4 to 1.6 N m s/rad by command
+    assert ModulatedTorque.from_device(load_device("cubic_demo")).parameters.loss_prior == 0.0
 
 
 def test_an_offset_of_both_angles_has_no_effect():

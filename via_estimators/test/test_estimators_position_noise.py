@@ -36,6 +36,7 @@ def test_standard_deviations_match_empirical_ones_with_encoder_noise(inertia, da
             memory=1e9,
             truncation=0.0,
             steadiness=1.0,
+            delay_deviation=1e-9,  # times the damping, it acts as inertia: doubt about it would widen the interval
             inertia_deviation=1.0,
             torque_noise=torque_noise,
             position_noise=NOISE,

@@ -59,6 +59,17 @@ class Checked(Wrapped):
 
     device: Device
 
+    @cached_property
+    def inputs(self) -> tuple[str, ...]:
+        """Those of the estimator inside; of a serial joint also the angle that sets the preset of its spring."""
+        own = self.inner.inputs
+        return (*own, "theta_2") if self._serial and "theta_1" in own and "theta_2" not in own else own
+
+    @property
+    def _serial(self) -> bool:
+        """Whether motor 2 sets the preset of a spring that motor 1 drives by a measured torque."""
+        return self.device.arrangement == "serial" and self.device.drive == "torque"
+
     def init(self) -> Array:
         head = np.zeros(HEAD.size)
         head[[HEAD.last, HEAD.kept, HEAD.next, HEAD.until]] = NEVER
@@ -108,6 +119,8 @@ class Checked(Wrapped):
     def _equations(self) -> tuple[Equation, ...]:
         known = set(self.inputs)
         needed = {"q", "tau_link"} if self.device.arrangement == "rigid" else {"q", "theta_1", "tau_1"}
+        if self._serial:
+            needed |= {"theta_2"}
         if self.device.drive == "servo":
             needed = {"q", "equilibrium", "preset"}
         return equations_of(self.device) if needed <= known else ()
@@ -124,6 +137,7 @@ class Checked(Wrapped):
     def _constants(self) -> tuple[Array, Array, Array, Array, Array, Array, float]:
         """Masks (1 + k,) of needed columns and of averaged ones, bounds, `_motors`, `_owners`, interval [s]."""
         logged = {"theta_1"} if self.device.drive == "servo" else set()  # not part of the equation, often missing
+        logged |= {"theta_2"} if self._serial else set()  # not part of the estimate
         needed = np.array([True, *(name not in logged for name in self.inputs)])
         torques = np.array([False, *(name.startswith("tau") for name in self.inputs)])
         return (needed, torques, *self._bounds, self._motors, self._owners, self._interval)
@@ -169,7 +183,8 @@ class Checked(Wrapped):
         stiffest = []
         for spring in device.spring_laws:
             phi = np.linspace(-spring.max_deflection, spring.max_deflection, 129)
-            stiffest.append(factor * float(np.max(spring.stiffness(phi, 0.0))))
+            alone = np.array_equal(spring.stiffness(phi, 0.0), spring.stiffness(phi, 1.0))
+            stiffest.append(factor * float(np.max(spring.stiffness(phi, 0.0))) if alone else np.inf)  # or by its preset
         low, high = np.zeros(len(self.outputs)), np.full(len(self.outputs), np.inf)
         for at, name in enumerate(self.outputs):
             kind, _, number = name.rpartition("_")
@@ -213,14 +228,14 @@ class Checked(Wrapped):
 
     def _take(self, state: Array, rows: Array, out: Array) -> int:
         """The kernel: rows up to the next comparison at a time."""
-        size, at, count = self._size, 0, len(rows)
+        size, at, count, own = self._size, 0, len(rows), 1 + len(self.inner.inputs)
         inner, advance, constants = state[:size], self.inner._advance, self._constants
         _refuse_steps(state, size, rows, *self._steps)
         while at < count:
             end = _until(state, size, rows, at, constants[0], self._interval) if count > 1 else 1
             whole = end - at == count
             part, answers = (rows, out) if whole else (rows[at:end], out[at:end])
-            advance(inner, part, answers)
+            advance(inner, part if own == part.shape[1] else np.ascontiguousarray(part[:, :own]), answers)
             if _finish(state, size, part, answers, *constants) and self._equations:
                 self._compare(state)
             at = end

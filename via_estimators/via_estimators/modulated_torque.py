@@ -4,8 +4,8 @@ Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D th
 F and a torque that is reported d late, is multiplied by a modulating function psi that vanishes with its derivatives at
 both ends of a window (Prop. 1):
 
-    <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + G <sat(thd / v_s), psi> + d <tau, psi'>
-                 - sum_p a_p <f_p(phi), psi>
+    <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + G <sat(thd / v_s), psi>
+                 + sum_l F_l <z_l, psi> + g <phi, psi'> + d <tau, psi'> - sum_p a_p <f_p(phi), psi>
 
 with f_p = s (phi/s)^p / p, f_0 = s, so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of
 stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned
@@ -13,14 +13,21 @@ against each other) also needs 0, 2, 4, .. The delay also enters to second order
 right side is less by d^2 <tau, psi''> / 2.
 
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
-D, F and d are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change
-in time (`interacting_models`). sat is linear within -1..1 and constant beyond: friction that builds up (presliding) or
-falls (Stribeck) with speed is a sum of F and G. Without G it would be taken for damping.
+D, F, d and the damping g of the transmission, that of its damper or of the material of its spring, are unknowns; the
+basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change in time
+(`interacting_models`). sat is linear within -1..1 and constant beyond: friction that falls with speed (Stribeck) is a
+sum of F and G. Without G it would be taken for damping. Without g, a damped spring has the stiffness that its torque
+shows in phase with the motor. Friction that builds up with travel (presliding) is a sum of F and F_l: z_l is an elastic
+element that yields, dz_l = dtheta / l within -1..1, with l = 2 and 20 mrad (a Prandtl-Ishlinskii model). With F alone
+each reversal adds an error in the direction of the spring.
 
 There are two equations per window length. Neighbours then share so little of psi that their noise is independent (its
 correlation is .04), and still they use 91 % of the information in all samples. An equation holds in the middle of its
 window, half a window ago: up to the present sample the estimate is continued with its trend, and its standard deviation
 grows by what the spring may have changed since.
+
+F_l and g have no effect on many joints, and unknowns cost accuracy. So what is reported allows for the models without
+them, each as probable as the one with it before any data (`nested`).
 
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
@@ -50,11 +57,11 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE
 
-from via_estimators import interacting_models, torque_equation, transmissions, window
+from via_estimators import interacting_models, nested, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, terms_for
-from via_estimators.torque_equation import PHI, QUANTUM, TAU, THETA, P, U
+from via_estimators.torque_equation import COLUMNS, PHI, QUANTUM, TAU, THETA, P, U
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
@@ -63,6 +70,7 @@ ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
+RELAXATION = 0.01  # [s] standard deviation of damping over stiffness of a spring: rubber has some milliseconds
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative.
 KEPT = slots("moved", "moving", after=VISITED)
@@ -91,6 +99,8 @@ class ModulatedTorqueParameters(Parameters):
     damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
     friction_prior: float = parameter(0.0, "dry friction of a motor before any data", "N m", 0.0, 1e6)
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
+    loss_prior: float = parameter(0.0, "damping of a transmission before any data", "N m s/rad", 0.0, 1e4)
+    loss_deviation: float = parameter(3.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
     delay_deviation: float = parameter(
         0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
     )
@@ -117,6 +127,7 @@ class ModulatedTorque(Estimator):
         slowest = SLOWEST * spring.max_deflection * window / device.sensors.rate
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
+        known |= _loss_of(device, known["stiffness_prior"])
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         if device.tolerances.torque_timing > 0.0:
             known["delay_deviation"] = device.tolerances.torque_timing
@@ -148,36 +159,50 @@ class ModulatedTorque(Estimator):
         """Parameter row of the kernel; writable, since a locked array compiles again."""
         own, n = self.parameters, self._unknowns
         mean, width = np.zeros(n), np.full(n, own.stiffness_deviation)
-        mean[[U.inertia, U.damping, U.friction, U.size]] = (
-            own.inertia_prior, own.damping_prior, own.friction_prior, own.stiffness_prior,
+        mean[[U.inertia, U.damping, U.friction, U.loss, U.size]] = (
+            own.inertia_prior, own.damping_prior, own.friction_prior, own.loss_prior, own.stiffness_prior,
         )  # fmt: skip
         width[n - 1] = 1.0
+        shared = own.friction_deviation / sqrt(3.0)  # by the frictions that do not depend on speed
         width[: U.size] = (
-            own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.friction_deviation,
-            own.delay_deviation,
+            own.inertia_deviation, own.damping_deviation, shared, own.friction_deviation, shared, shared,
+            own.loss_deviation, own.delay_deviation,
         )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
     def init(self) -> Array:
         own = self.parameters
         m, n, length, k = own.transmissions, self._unknowns, own.window + 1, len(self.outputs)
-        state = np.zeros(HEADER.size + 2 * k + ROW.size + length * (1 + 3 * m) + m * _part_size(n))
+        state = np.zeros(HEADER.size + 2 * k + ROW.size + length * (1 + COLUMNS * m) + m * _part_size(n))
         window.start(state)
         state[HEADER.size : HEADER.size + 2 * k] = transmissions.prior_outputs(own, "inertia", "damping")
         for part in _parts(state, m, n):
-            interacting_models.start(part[KEPT.size :], n, own.steadiness)
+            interacting_models.start(_equation(part, n), n, own.steadiness)
+            for mixed, start in zip(
+                _reported(part, n), interacting_models.estimate_of(_equation(part, n), n), strict=True
+            ):
+                mixed[:] = start
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
         n = self._unknowns
         parts = _parts(state, self.parameters.transmissions, n)
-        known = [interacting_models.estimate_of(part[KEPT.size :], n)[1][:-1, :-1] for part in parts]  # but the trend
+        known = [interacting_models.estimate_of(_equation(part, n), n)[1][:-1, :-1] for part in parts]  # but the trend
         return float(np.sqrt(max(np.linalg.cond(each) for each in known)))
 
     @cached_property
     def _advance(self) -> Kernel:
         return partial(_advance, self._constants)
+
+
+def _loss_of(device: Device, stiffness: float) -> dict[str, float]:
+    """Prior of the damping of a transmission: that of its damper, or of a spring of `stiffness` [N m/rad]."""
+    of_spring = RELAXATION * stiffness
+    if device.damper is None or device.damper.site != "transmission":
+        return {"loss_deviation": of_spring}
+    least, most = (float(device.damping_of(u)) for u in (0.0, 1.0))
+    return {"loss_prior": 0.5 * (least + most), "loss_deviation": max(most, of_spring)}
 
 
 def _window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> int:
@@ -194,7 +219,7 @@ def _window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> in
 @njit(cache=True, error_model="numpy")
 def _part_size(n: int) -> int:
     """Numbers in the state of one transmission."""
-    return KEPT.size + interacting_models.size(n)
+    return KEPT.size + n + n * n + interacting_models.size(n)
 
 
 @njit(cache=True, error_model="numpy")
@@ -202,6 +227,18 @@ def _parts(state: Array, m: int, n: int) -> Array:
     """The view (m, ..) of each transmission's KEPT and equation, at the end of the state."""
     each = _part_size(n)
     return state[state.size - m * each :].reshape(m, each)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _reported(part: Array, n: int) -> tuple[Array, Array]:
+    """The views mean (n,) and covariance (n, n) of the estimate that allows for absent effects."""
+    return part[KEPT.size : KEPT.size + n], part[KEPT.size + n : KEPT.size + n + n * n].reshape(n, n)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _equation(part: Array, n: int) -> Array:
+    """The view of the state of `interacting_models`."""
+    return part[KEPT.size + n + n * n :]
 
 
 @njit(cache=True, error_model="numpy")
@@ -216,12 +253,13 @@ def _unroll(ring: Array, oldest: int, out: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _learn(
-    par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, kept: Array, equation: Array,
-    row: Array, direction: Array, work: Array,
+    par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, part: Array, row: Array,
+    direction: Array, work: Array,
 ) -> None:  # fmt: skip
     """Add the equation of the present window, and its middle part to the deflections visited, which include 0."""
-    n, length, noise, dry = row.size, times.size, par[P.torque_noise], slice(U.friction, U.slow + 1)
+    n, length, noise, dry = row.size, times.size, par[P.torque_noise], slice(U.friction, U.long + 1)
     mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    kept, equation = part[: KEPT.size], _equation(part, n)
     x, covariance = interacting_models.estimate_of(equation, n)
     span = times[length - 1] - times[0]
     y, unknown = torque_equation.fill_row(par, psi, held, late, own, span, width[U.delay] * x[U.delay], row)
@@ -234,7 +272,8 @@ def _learn(
         of_motor = inertia * psi[2, k] - damping * psi[1, k] + of_link
         within += held[k] * held[k]
         angles += of_motor * of_motor + of_link * of_link
-    friction += mean[U.slow] + width[U.slow] * x[U.slow]
+    for j in range(U.slow, U.long + 1):
+        friction += mean[j] + width[j] * x[j]
     any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
     beside = par[P.position_noise] ** 2 * angles + unknown**2 * any_friction
     for j in range(n):
@@ -245,6 +284,10 @@ def _learn(
         equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,
     )  # fmt: skip
+    reported, uncertain = _reported(part, n)
+    reported[:], uncertain[:, :] = x, covariance
+    for j in (U.long, U.short, U.loss):
+        nested.allow(reported, uncertain, j, -mean[j] / width[j])
     quarter = length // (2 * ROWS_PER_WINDOW)
     for k in range(quarter, length - quarter):
         transmissions.visit(kept, own[PHI, k] if par[P.even_terms] > 0.0 else abs(own[PHI, k]))
@@ -253,13 +296,13 @@ def _learn(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _report(
-    par: Array, now: float, phi: float, kept: Array, equation: Array, i: int, value: Array, sd: Array, joint: Array,
-    slope: Array,
+    par: Array, now: float, phi: float, part: Array, i: int, value: Array, sd: Array, joint: Array, slope: Array
 ) -> bool:  # fmt: skip
     """Write the outputs of transmission i and add it to the joint; returns whether it is still warming up."""
     n, m = slope.size, int(par[P.transmissions])
     mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
-    x, covariance = interacting_models.estimate_of(equation, n)
+    kept, equation = part[: KEPT.size], _equation(part, n)
+    x, covariance = _reported(part, n)
     warming = equation[interacting_models.HEAD.taken] <= ROWS_PER_WINDOW
     stiffness, bend = torque_equation.stiffness(par, mean, width, x, phi, slope)
     factor = par[P.torque_scale_deviation] ** 2
@@ -293,10 +336,10 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
     n, outputs = U.size + int(par[P.order]) + even + 1, 1 + 3 * m
     value, sd = window.outputs(state, outputs)
     schedule = state[HEADER.size + 2 * outputs : HEADER.size + 2 * outputs + ROW.size]
-    times, columns = window.rings(state, HEADER.size + 2 * outputs + ROW.size, length, 3 * m)
-    ring, parts = columns.reshape(m, 3, length), _parts(state, m, n)
+    times, columns = window.rings(state, HEADER.size + 2 * outputs + ROW.size, length, COLUMNS * m)
+    ring, parts = columns.reshape(m, COLUMNS, length), _parts(state, m, n)
     psi, held, late = np.empty((3, length)), np.empty(length), np.empty(length)
-    stamps, own = np.empty((1, length)), np.empty((3, length))
+    stamps, own = np.empty((1, length)), np.empty((COLUMNS, length))
     row, slope, work, joint = np.empty(n), np.empty(n), interacting_models.scratch(n), np.empty(JOINT.size)
     for k in range(rows.shape[0]):
         entered = transmissions.enter(state, times, rows[k], 2, FURTHEST * par[P.deflection_scale], par[P.max_gap])
@@ -307,6 +350,8 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
         for i in range(m):
             ring[i, THETA, slot], ring[i, TAU, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
             ring[i, PHI, slot] = rows[k, 1] - rows[k, 2 + 2 * i]
+            before = slot - 1 if slot > 0 else length - 1
+            torque_equation.slide(ring[i], before if entered == window.TAKEN else -1, slot)
         full = state[HEADER.filled] == length
         schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
         due = full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1
@@ -317,18 +362,19 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             window.weigh(int(par[P.modulating_order]), stamps[0], length - 1, psi, held)
             window.hold_slope(stamps[0], length - 1, psi[0], late)
         for i in range(m):
-            kept, equation = parts[i, : KEPT.size], parts[i, KEPT.size :]
+            part = parts[i]
+            kept = part[: KEPT.size]
             if due:
                 _unroll(ring[i], window.oldest_of(slot, length), own)
                 moved = window.span_of(own[PHI])
                 kept[KEPT.moved], kept[KEPT.moving] = moved, 1.0 if moved >= par[P.minimum_motion] else 0.0
                 if kept[KEPT.moving] > 0.0:
-                    _learn(par, stamps[0], psi, held, late, own, kept, equation, row, slope, work)
+                    _learn(par, stamps[0], psi, held, late, own, part, row, slope, work)
             elif not full:
                 kept[KEPT.moved] = kept[KEPT.moving] = 0.0
             joint[JOINT.motion] = min(joint[JOINT.motion], kept[KEPT.moved])
             phi = ring[i, PHI, slot]
-            warming = _report(par, rows[k, 0], phi, kept, equation, i, value, sd, joint, slope)
+            warming = _report(par, rows[k, 0], phi, part, i, value, sd, joint, slope)
             reached = phi if even else abs(phi)
             inside = transmissions.inside(kept, reached, par[P.range_margin])
             transmissions.grade(joint, warming, kept[KEPT.moving] > 0.0, inside)

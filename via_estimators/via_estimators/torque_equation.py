@@ -23,9 +23,12 @@ P = slots(
     "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
     "torque_scale_deviation", "steadiness",
 )  # fmt: skip
-U = slots("inertia", "damping", "friction", "slow", "delay")  # followed by the coefficients of the spring law
+# Followed by the coefficients of the spring law. Dry friction is the sum of the four from `friction` to `long`.
+U = slots("inertia", "damping", "friction", "slow", "short", "long", "loss", "delay")
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
-THETA, TAU, PHI = range(3)  # columns of a transmission in the ring
+SHORT, LONG = 2e-3, 2e-2  # [rad] travel over which the frictions `short` and `long` build up
+COLUMNS = 5  # of a transmission in the ring
+THETA, TAU, PHI, ON_SHORT, ON_LONG = range(COLUMNS)
 
 
 @njit(cache=True, error_model="numpy")
@@ -59,13 +62,24 @@ def _friction(theta: Array, psi: Array, quantum: float, step: float) -> tuple[fl
 
 
 @njit(cache=True, error_model="numpy")
+def slide(ring: Array, before: int, slot: int) -> None:
+    """Write the share of friction built up at `slot` of a ring (5, L), after the sample at `before`; < 0: from none."""
+    if before < 0:
+        ring[ON_SHORT, slot] = ring[ON_LONG, slot] = 0.0
+        return
+    moved = ring[THETA, slot] - ring[THETA, before]
+    ring[ON_SHORT, slot] = min(max(ring[ON_SHORT, before] + moved / SHORT, -1.0), 1.0)
+    ring[ON_LONG, slot] = min(max(ring[ON_LONG, before] + moved / LONG, -1.0), 1.0)
+
+
+@njit(cache=True, error_model="numpy")
 def fill_row(
     par: Array, psi: Array, held: Array, late: Array, own: Array, span: float, delay: float, row: Array
 ) -> tuple[float, float]:  # fmt: skip
     """Write the modulated equation's regressors into row (n,); returns its left side and the share without direction.
 
     span   [s] of the window
-    own    (3, L) THETA, TAU, PHI of the window, oldest first
+    own    (5, L) columns of the window, oldest first
     delay  [s] estimated so far
     """
     order, scale, quantum = int(par[P.order]), par[P.deflection_scale], par[P.position_noise] * QUANTUM
@@ -76,6 +90,9 @@ def fill_row(
         y += (held[k] + 0.5 * delay * delay * psi[2, k]) * tau[k]
         row[U.inertia] += psi[2, k] * theta[k]
         row[U.damping] -= psi[1, k] * theta[k]
+        row[U.short] += psi[0, k] * own[ON_SHORT, k]
+        row[U.long] += psi[0, k] * own[ON_LONG, k]
+        row[U.loss] += psi[1, k] * phi[k]
         row[U.delay] += late[k] * tau[k]
         z = phi[k] / scale
         weight, squared = psi[0, k] * scale, z * z
