@@ -209,9 +209,8 @@ EFFECT_ROWS = (
     ),
     row(
         "position_deadband",
-        mjcf="- small errors are corrected", urdf="- small errors are corrected", sdf="- small errors are corrected",
         isaaclab="- small errors are corrected; a custom actuator class can add it",
-        bam="- small errors are corrected", ros2_control=NO_PHYSICS,
+        others="- small errors are corrected",
     ),
     row(
         "actuator_lag", "with a speed limit", _with_lag,
