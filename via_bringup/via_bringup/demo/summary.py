@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, computed_field
+from pydantic import computed_field
+from via_core.device_parts import Record
 from via_core.metrics import WIDTH_95
-
-
-class Record(BaseModel):
-    """Frozen model without extra fields."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Quantity(Record):
