@@ -7,6 +7,8 @@ from math import exp
 from numba import njit
 from via_core.signals import Array
 
+LARGEST = 1e6  # [rad] larger angles are transmission errors, which would corrupt the velocity
+
 
 @njit(cache=True, error_model="numpy")
 def low_passed(velocity: Array, before: Array, now: Array, step: float, bandwidth: float) -> Array:

@@ -9,13 +9,13 @@ from typing import TypeVar
 import pinocchio
 from pydantic import ValidationError
 
-from via_core.device_parts import Part, Text
+from via_core.device_parts import Record, Text
 from via_core.errors import DeviceError
 from via_core.problems import problems
 from via_core.text_files import read_text, read_yaml
 
 
-class ArmFile(Part):
+class ArmFile(Record):
     """Contents of the YAML file of an arm."""
 
     remark: str = ""

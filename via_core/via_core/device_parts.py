@@ -36,13 +36,13 @@ CHANNEL_KINDS = {
 }  # fmt: skip
 
 
-class Part(BaseModel):
-    """An immutable entry that refuses unknown keys."""
+class Record(BaseModel):
+    """An immutable record, such as an entry of a file, that refuses unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Described(Part):
+class Described(Record):
     """What a file describes, where its numbers come from, and how reliable they are."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -52,7 +52,7 @@ class Described(Part):
     remark: str = ""
 
 
-class Link(Part):
+class Link(Record):
     """M qdd + Dq qd + Coulomb + sum tau_e + gravity_torque sin(q - gravity_angle) = tau_ext."""
 
     inertia: Positive  # M [kg m^2]
@@ -62,7 +62,7 @@ class Link(Part):
     gravity_angle: Number = 0.0  # [rad] angle at which the link hangs at rest
 
 
-class TorqueMotor(Part):
+class TorqueMotor(Record):
     """A torque-controlled motor with its own dynamics: B thdd + Dth thd - tau_e(phi) = tau."""
 
     inertia: Positive  # B [kg m^2], reflected to the joint
@@ -72,13 +72,13 @@ class TorqueMotor(Part):
     speed_limit: Positive | None = None  # [rad/s]; None: unknown
 
 
-class ServoMotor(Part):
+class ServoMotor(Record):
     """A position servo: critically damped second-order lag that the spring torque does not back-drive."""
 
     bandwidth: Positive  # w [rad/s]
 
 
-class PositionDrive(Part):
+class PositionDrive(Record):
     """A position-controlled drive on the link of a rigid joint; it measures neither motor angle nor torque.
 
         tau = clip(kp (goal - q), -torque_limit, torque_limit) - kd qd
@@ -106,7 +106,7 @@ Motor = Annotated[
 ]
 
 
-class _Built(Part):
+class _Built(Record):
     """An entry that describes an object of `make`, which checks the numbers against each other."""
 
     make: ClassVar[Callable[..., Any]]
@@ -223,7 +223,7 @@ class TwoStageDamping(_Damper):
 Damping = Annotated[LinearDamping | TwoStageDamping, Field(discriminator="map")]
 
 
-class Sensors(Part):
+class Sensors(Record):
     """Sensors of the device; an omitted quantum means an ideal sensor."""
 
     rate: Positive  # [Hz]
@@ -233,7 +233,7 @@ class Sensors(Part):
     link_torque_noise: NotNegative | None = None  # [N m] standard deviation of a link torque sensor; None: no sensor
 
 
-class Observed(Part):
+class Observed(Record):
     """Behaviour seen in the device's logs beyond its published model; used by estimators, not by the nominal plant."""
 
     servo_dead_time: NotNegative = 0.0  # [s] delay before a servo reacts to a new command
@@ -244,7 +244,7 @@ class Observed(Part):
 Tolerance = Annotated[float, Field(strict=True, gt=0.0, le=0.65)]
 
 
-class Tolerances(Part):
+class Tolerances(Record):
     """Relative standard deviations of the numbers in a device file; 5 % where the sources give none."""
 
     link_inertia: Tolerance = 0.05
@@ -264,7 +264,7 @@ class Tolerances(Part):
     torque_timing: Annotated[float, Field(strict=True, ge=0.0, le=0.05)] = 0.0
 
 
-class WireColumn(Part):
+class WireColumn(Record):
     """A column of a recording in other units: value = scale * number * unit in SI + offset."""
 
     column: Text
@@ -307,7 +307,7 @@ class WireColumn(Part):
         raise ValueError(f"columns.{channel}: '{self.unit}' is no unit of {wanted}; state the right unit, or a scale")
 
 
-class Wire(Part):
+class Wire(Record):
     """Names in sensor_msgs/JointState, of topics and in recordings; empty ones are derived from the device name."""
 
     link: str = ""

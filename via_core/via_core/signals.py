@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from via_core.errors import SignalError
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 
 def locked(values: ArrayLike, name: str) -> Array:

@@ -24,7 +24,7 @@ from numba import njit
 from pydantic import Field
 
 from via_core.arm_files import ArmFile, arm_names, read_arm
-from via_core.device_parts import Described, Number, Part, Spring, Text, TorqueMotor
+from via_core.device_parts import Described, Number, Record, Spring, Text, TorqueMotor
 from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array, locked
 from via_core.spring_equations import spring_stiffness, spring_stiffness_slope, spring_torque
@@ -34,7 +34,7 @@ BALANCE = 1e-9  # [N m] largest torque error of an arm at rest
 LINE = 1e-4  # [rad] step of central differences: second derivatives of M are then accurate to 1e-9
 
 
-class VsaJoint(Part):
+class VsaJoint(Record):
     """Motor and spring of one joint of the URDF."""
 
     name: Text  # of the joint in the URDF

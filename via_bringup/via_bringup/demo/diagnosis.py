@@ -18,14 +18,13 @@ from via_gap.rendering.words import cautions, headline, next_steps
 from via_gap.report.report import GapReport
 
 from via_bringup.demo.pictures import shares
-from via_bringup.demo.summary import DiagnosisPart
+from via_bringup.demo.summary import DiagnosisPart, Progress
 
 DEVICE = "maccepavd"
 SAMPLE = Path("samples") / DEVICE  # in via_core; small, so that the diagnosis takes seconds
 REPEAT = re.compile(r"traj\d+_3\.csv$")  # repeat 3, which the sample contains for every trajectory
 PAGE = "diagnosis.html"
 MOST = 5  # causes in the picture
-Progress = Callable[[float, float, str], None]  # done, total, step
 
 
 def diagnosis(out: Path, progress: Progress) -> DiagnosisPart:

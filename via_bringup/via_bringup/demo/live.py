@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from via_ros.nodes.recorder import Recorder
 from via_sim.nodes.simulator import SimulatorNode
 
 from via_bringup.demo.pictures import Band, live_joint
-from via_bringup.demo.summary import LivePart, Traffic
+from via_bringup.demo.summary import LivePart, Progress, Traffic
 
 DEVICE = "cubic_demo"
 RATE = 1000.0  # [Hz]
@@ -31,7 +30,6 @@ COMPARED = {  # message fields in which live and replayed estimates are compared
     "stiffness": "value standard_deviation transmission_value transmission_standard_deviation status sequence",
     "motor": "inertia inertia_standard_deviation damping damping_standard_deviation status sequence",
 }
-Progress = Callable[[float, float, str], None]  # done, total, step
 
 
 def live(out: Path, duration: float, progress: Progress) -> LivePart:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,14 +23,13 @@ from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder
 
 from via_bringup.demo.pictures import Band, Column, angles, by_strategy, estimates, gap_traces, run_in_detail
-from via_bringup.demo.summary import Quantity, RefusedRecording, RobotPart, RobotRun, Traffic
+from via_bringup.demo.summary import Progress, Quantity, RefusedRecording, RobotPart, RobotRun, Traffic
 
 DEVICE = "maccepavd"
 MAPPING = "maccepavd"
 WINDOW = 200  # samples in flight while a bag plays as fast as the estimator keeps up
 TIMEOUT = 60.0  # [s] per step of one run
 IN_DETAIL = "vardamp"  # strategy with the largest changes of damping
-Progress = Callable[[int, int, str], None]  # done, total, step
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, computed_field
+from collections.abc import Callable
+
+from pydantic import computed_field
+from via_core.device_parts import Record
 from via_core.metrics import WIDTH_95
 
-
-class Record(BaseModel):
-    """Frozen model without extra fields."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+Progress = Callable[[float, float, str], None]  # of a part: done, total, step
 
 
 class Quantity(Record):

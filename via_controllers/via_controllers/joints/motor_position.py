@@ -24,9 +24,7 @@ from via_core.springs import SpringLaw
 
 from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited_torque, passive, require
 from via_controllers.joints.multisine import Multisine, multisine
-from via_controllers.low_pass import low_passed
-
-LARGEST = 1e6  # [rad] larger motor angles are transmission errors, which would corrupt the velocity estimate
+from via_controllers.low_pass import LARGEST, low_passed
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,7 @@ import numpy as np
 from via_core.signals import Array, locked
 
 from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require
-from via_controllers.low_pass import low_passed
-
-LARGEST = 1e6  # [rad] larger motor angles are transmission errors, which would corrupt the velocity estimate
+from via_controllers.low_pass import LARGEST, low_passed
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from via_core.bags.writer import BagWriter
 from via_core.devices import Device, load_device
 from via_core.errors import BagError, ImportMapError, ViaError
 from via_core.recordings.tables import TEXTS, is_bag, numbers, read_csv, read_tables
-from via_core.signals import Array, Signals
+from via_core.signals import Array, Mask, Signals
 from via_core.text_files import shown
 from via_core.wire import JOINT_STATE, SECOND, UNITS, VSA_COMMAND
 
@@ -287,7 +287,7 @@ class _Importer:
         return device.drive_joints[number - 1]
 
 
-def _command_findings(time: Array, in_order: NDArray[np.bool_], commands: dict[str, Array]) -> list[Finding]:
+def _command_findings(time: Array, in_order: Mask, commands: dict[str, Array]) -> list[Finding]:
     findings = []
     if not in_order.all():
         text = f"{int((~in_order).sum())} of {len(time)} command stamps are invalid, repeated or decreasing"
@@ -321,7 +321,7 @@ def _read_table(path: Path, table: Table) -> dict[str, Array]:
         raise _BadFileError(f"{path.name} {error}") from None
 
 
-def _columns(columns: list[Array], rows: NDArray[np.bool_]) -> Array:
+def _columns(columns: list[Array], rows: Mask) -> Array:
     return np.stack(columns, axis=1)[rows] if columns else np.empty((int(rows.sum()), 0))
 
 

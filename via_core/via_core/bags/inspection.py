@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from via_core.bags.container import files_of
 from via_core.bags.findings import Finding
@@ -192,7 +191,7 @@ def _values(columns: Columns) -> list[Finding]:
 
 def _series(columns: Columns) -> list[tuple[str, Array]]:
     """All numeric series with their names; series of joints only where all messages name the same joints."""
-    series: list[tuple[str, NDArray[np.float64]]] = []
+    series: list[tuple[str, Array]] = []
     names = columns["name"][0] if "name" in columns.fields else ()
     for field, values in columns.fields.items():
         if values.dtype != np.float64:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from via_core.bags.reader import Bag, Columns
 from via_core.devices import Device
 from via_core.errors import BagError
-from via_core.signals import Array, Signals
+from via_core.signals import Array, Indices, Mask, Signals
 from via_core.wire import (
     EQUILIBRIUM_PRESET,
     FIELDS,
@@ -85,7 +85,7 @@ def _remedy(names: list[str]) -> str:
 
 
 def recorded(
-    states: Columns, channels: dict[str, Array], present: NDArray[np.bool_], commands: Columns | None, device: Device
+    states: Columns, channels: dict[str, Array], present: Mask, commands: Columns | None, device: Device
 ) -> JointRecording:
     """The recording from the messages `states` where the joint is `present`, with values `channels`, and `commands`."""
     origin = int(states.stamp[np.argmax(present)])
@@ -98,7 +98,7 @@ def recorded(
     return JointRecording(signals, commanded, (report, command_report))
 
 
-def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], Mask]:
     """Values by channel for every message, NaN where missing, and a mask of the messages that name the link."""
     count, drives = len(states), device.n_drives
     channels = {name: np.full(count, np.nan) for name in LINK}
@@ -120,7 +120,7 @@ def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], N
     return channels, present
 
 
-def _by_names(names: NDArray[Any]) -> list[tuple[tuple[str, ...], NDArray[np.intp]]]:
+def _by_names(names: NDArray[Any]) -> list[tuple[tuple[str, ...], Indices]]:
     """The rows of each distinct tuple of joint names."""
     rows: dict[tuple[str, ...], list[int]] = {}
     for k, each in enumerate(names.tolist()):
@@ -160,7 +160,7 @@ def _commands(columns: Columns, device: Device, origin: int) -> tuple[Signals, S
     return Signals(time, values, units, held=frozenset(values)), report
 
 
-def _increasing(columns: Columns, wanted: NDArray[np.bool_], origin: int) -> tuple[NDArray[np.intp], StampReport]:
+def _increasing(columns: Columns, wanted: Mask, origin: int) -> tuple[Indices, StampReport]:
     """The `wanted` rows whose stamp is later than all earlier ones, and their report."""
     rows = np.flatnonzero(wanted)
     stamp = columns.stamp[rows]

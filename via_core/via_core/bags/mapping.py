@@ -17,7 +17,7 @@ import numpy as np
 import regex
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from via_core.device_parts import Part, Text
+from via_core.device_parts import Record, Text
 from via_core.errors import ImportMapError, ParameterError
 from via_core.limits import LIMITS
 from via_core.problems import problems
@@ -26,7 +26,7 @@ from via_core.signals import Array
 from via_core.text_files import read_text, read_yaml, shown
 
 
-class _Column(Part):
+class _Column(Record):
     """One column: value = number in the file * (unit in SI * scale) + offset; bit-exact for factor 1 and offset 0."""
 
     column: str
@@ -109,7 +109,7 @@ class ScalarColumn(_Column):
     topic: Annotated[str, Field(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)+$")]
 
 
-class Table(Part):
+class Table(Record):
     """The columns of one kind of file."""
 
     time: TimeColumn
@@ -180,7 +180,7 @@ class CommandFile(Table):
     file: Text
 
 
-class Mapping(Part):
+class Mapping(Record):
     """One mapping file."""
 
     title: Text

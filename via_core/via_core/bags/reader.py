@@ -29,6 +29,7 @@ from via_core.bags.definitions import Definition, typestore_from_text
 from via_core.bags.layout import NoFixedLayoutError, column, decoded, layout_of, scalar_formats, shares_layout
 from via_core.bags.writer import JUMPS, STORAGE_METADATA
 from via_core.errors import BagError
+from via_core.signals import Mask
 from via_core.text_files import read_text, read_yaml
 from via_core.wire import JOINT_STATE, SECOND
 
@@ -165,7 +166,7 @@ class Topic:
             fields[name].fill(text)
         return fields
 
-    def _one_by_one(self) -> tuple[dict[str, NDArray[Any]], NDArray[np.bool_], tuple[str, ...]]:
+    def _one_by_one(self) -> tuple[dict[str, NDArray[Any]], Mask, tuple[str, ...]]:
         """Fields of the decodable messages, a mask of them, and one sentence for every other message."""
         rows: list[dict[str, Any]] = []
         fits = np.ones(len(self), dtype=np.bool_)

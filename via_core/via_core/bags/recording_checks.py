@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from via_core.bags.findings import Finding
 from via_core.bags.losses import NOTABLE, losses
@@ -22,7 +21,7 @@ from via_core.devices import Device
 from via_core.faults import FEW, faulty_time
 from via_core.modulated_rows import Samples
 from via_core.servos import servo_step
-from via_core.signals import Array, Signals
+from via_core.signals import Array, Mask, Signals
 
 LEAST_SAMPLES = 50
 EARLIEST, LATEST = -1e8, 2e9  # [s] valid stamps: ROS counts to 2^31, and an import shifts negative ones
@@ -56,7 +55,7 @@ def check_samples(time: Array, columns: Mapping[str, Array]) -> tuple[Finding, .
     return tuple(findings)
 
 
-def usable_stamps(time: Array) -> NDArray[np.bool_]:
+def usable_stamps(time: Array) -> Mask:
     """Mask (N,) of the samples whose stamp [s] is valid in ROS and later than all earlier ones."""
     usable = (time > EARLIEST) & (time < LATEST)
     known = np.where(usable, time, -np.inf)
@@ -255,12 +254,12 @@ def _running_median(values: Array) -> Array:
 
 @njit(cache=True)
 def servo_response(
-    time: NDArray[np.float64],
-    command_time: NDArray[np.float64],
-    command: NDArray[np.float64],
+    time: Array,
+    command_time: Array,
+    command: Array,
     start: float,
     bandwidth: float,
-) -> NDArray[np.float64]:
+) -> Array:
     """Exact angle (N,) [rad] of a servo under each `command` [rad] from its `command_time` [s] on; `bandwidth` [rad/s].
 
     The servo rests at `start` [rad] until the first command.

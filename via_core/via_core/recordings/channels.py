@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from via_core.bags.joints import JointRecording, StampReport
 from via_core.device_parts import WireColumn
@@ -19,7 +18,7 @@ from via_core.devices import Device
 from via_core.errors import ParameterError, SignalError, ViaError
 from via_core.recordings.guess import guess_time
 from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
-from via_core.signals import Array, Signals
+from via_core.signals import Array, Indices, Signals
 from via_core.wire import LINK, MOTOR, UNITS
 
 if TYPE_CHECKING:
@@ -103,7 +102,7 @@ def _channel(parts: re.Match[str]) -> Channel:
 
 def _time(
     frame: DataFrame, device: Device, file: str, table: str, bag: bool, origin: float | None
-) -> tuple[Array, NDArray[np.intp], tuple[float, int, int]]:
+) -> tuple[Array, Indices, tuple[float, int, int]]:
     """Stamps [s] since the origin, rows with increasing stamps, and origin, repeated and backward stamps."""
     entry = device.wire.columns.get("time")
     if entry is None or entry.column not in frame.columns:
@@ -136,7 +135,7 @@ def _time(
 
 
 def _signals(
-    time: Array, rows: NDArray[np.intp], frame: DataFrame, columns: Mapping[Channel, WireColumn], device: Device,
+    time: Array, rows: Indices, frame: DataFrame, columns: Mapping[Channel, WireColumn], device: Device,
     file: str, held: bool,
 ) -> Signals:  # fmt: skip
     channels: dict[str, Array] = {}

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from via_core.errors import BagError, SignalError, ViaError
 from via_core.limits import require_regular
+from via_core.signals import Array
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -67,7 +68,7 @@ def read_tables(path: str | Path) -> Tables:
         raise SignalError(f"{path}: cannot be read: {_line(error)}") from None
 
 
-def numbers(frame: DataFrame, column: str) -> NDArray[np.float64]:
+def numbers(frame: DataFrame, column: str) -> Array:
     """A column (N,) as numbers; empty cells are NaN. Raises SignalError that names the first cell that is no number."""
     import pandas
 
@@ -301,7 +302,7 @@ def _is_list(cell: object) -> bool:
     return isinstance(cell, (list, tuple, np.ndarray)) or (isinstance(cell, str) and _LIST.fullmatch(cell) is not None)
 
 
-def _cells(values: Any) -> NDArray[np.float64] | None:
+def _cells(values: Any) -> Array | None:
     """(N, k) numbers of lists or texts of lists of one length, NaN for empty cells; None where they are none."""
     rows: list[list[float]] = []
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -72,7 +73,7 @@ class Description:
             "# Each number was read from the model, measured in the log, stated by you, or guessed. Its tolerance is",
             "# a relative standard deviation, which `tolerances` repeats. Correct what you know better.",
             *(["# The joint slides: m, N, kg stand in the places of rad, N m, kg m^2."] if self.linear else []),
-            *(f"# {line}" for remark in self.remarks for line in _wrapped(f"Note: {remark}.")),
+            *(f"# {line}" for remark in self.remarks for line in _wrapped(remark)),
             f"name: {self.name}",
             f"title: Joint {_quoted(self.joint)}" if _plain(self.joint) else f"title: {_quoted('Joint ' + self.joint)}",
             "source:",
@@ -229,10 +230,6 @@ def _flow(entry: Mapping[str, Any]) -> str:
     )
 
 
-def _wrapped(text: str, width: int = 116) -> list[str]:
-    lines = [""]
-    for word in text.split():
-        if len(lines[-1]) + len(word) + 1 > width:
-            lines.append(" ")
-        lines[-1] += (" " if lines[-1].strip() else "") + word if lines[-1] != "" else word
-    return lines
+def _wrapped(remark: str) -> list[str]:
+    text = " ".join(f"Note: {remark}.".split())
+    return textwrap.wrap(text, 116, subsequent_indent=" ", break_long_words=False, break_on_hyphens=False)

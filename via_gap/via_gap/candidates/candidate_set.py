@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from via_core.devices import Device
+from via_core.signals import Indices
 
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.localisation import SiteShare, localise
@@ -14,7 +15,7 @@ from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.residual.inverse_dynamics import InverseDynamics, MissingTorque, missing_torque
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.segments import Segments
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from via_core.errors import ParameterError
-from via_core.signals import Array
+from via_core.signals import Array, Mask
 from via_sim.effects import Effect
 
 from via_gap.candidates.bounds import bounds_of
@@ -155,8 +154,8 @@ class Axes:
     size: Array
     low: Array
     high: Array
-    times: NDArray[np.bool_]
-    fixed: NDArray[np.bool_]
+    times: Mask
+    fixed: Mask
 
     @staticmethod
     def of(problem: ResidualModel, members: Sequence[tuple[Location, Sequence[float]]], scales: Scales) -> Axes:

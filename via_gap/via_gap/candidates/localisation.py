@@ -16,11 +16,11 @@ from typing import Literal
 import numpy as np
 from scipy.optimize import nnls
 from via_core.devices import Device
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
 from via_gap.logs.findings import Number, Record, Share
 from via_gap.residual.inverse_dynamics import MissingTorque
-from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.segments import Segments
 
 Quantity = Literal["speed", "deflection", "angle", "motor angle", "torque", "time", "reversal"]
 BINS = 5

@@ -6,10 +6,9 @@ It suffices for the ranking of candidates and for rough fits. Candidates that ar
 from __future__ import annotations
 
 import numpy as np
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import Indices
 
 EVEN = 28  # segments at even distances
 BUSIEST = 8  # further segments with the largest errors

@@ -7,6 +7,7 @@ from math import inf, sqrt
 
 import numpy as np
 from via_core.devices import Device
+from via_core.metrics import WIDTH_95
 from via_core.signals import Array, Signals
 from via_core.status import Status
 from via_estimators.contract import Estimates, Estimator
@@ -17,7 +18,6 @@ from via_sim.simulate import InitialConditions, Simulation, simulate
 
 from via_gap.design.commands import rate_of
 
-COVERED = 1.96  # standard deviations of a 95 % interval
 LAST = 25  # estimates of a preset that are averaged: its last pass
 
 
@@ -144,9 +144,9 @@ class Check:
             seeds,
             sqrt(float(np.mean(sd**2) / scale)),
             sqrt(float(np.mean(error**2) / scale)),
-            float(np.mean(np.abs(error) <= COVERED * sd)),
+            float(np.mean(np.abs(error) <= WIDTH_95 * sd)),
             sqrt(float(np.mean(each_sd**2))),
             sqrt(float(np.mean(damping**2))),
-            float(np.mean(np.abs(damping) <= COVERED * each_sd)),
+            float(np.mean(np.abs(damping) <= WIDTH_95 * each_sd)),
             used,
         )

@@ -1,21 +1,16 @@
-"""Findings of the log checks, and the base class of every record that a report holds."""
+"""Findings of the log checks, and types of the numbers in a report; Record is the base class of its parts."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Annotated, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+from via_core.device_parts import Record as Record
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Severity = Literal["refuse", "downgrade", "note"]  # worst first
-
-
-class Record(BaseModel):
-    """An immutable record that accepts no unknown field."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Finding(Record):

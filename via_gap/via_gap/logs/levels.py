@@ -31,13 +31,11 @@ from math import comb, pi, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.optimize import nnls
 from scipy.signal import savgol_filter
-from via_core.signals import Array
+from via_core.signals import Array, Indices, Mask
 
-Indices = NDArray[np.intp]
 DEGREES = (1, 2, 3, 4, 5, 6, 8)  # of local polynomials: higher ones need too long windows
 STRIDES = (1, 2, 4)  # samples from one to the next in a window: correlation within four samples is filtering
 COARSER = (8, 16, 32)  # used if the motion is too slow to cross an encoder step otherwise
@@ -138,7 +136,7 @@ def _level(time: Array, x: Array, step: float, crossed: float, stride: int, degr
     return Level(stride, degree, variance, jitter, total, alone, relative * total, error, len(starts))
 
 
-def _blocks(usable: NDArray[np.bool_]) -> tuple[Indices, int]:
+def _blocks(usable: Mask) -> tuple[Indices, int]:
     """First samples (blocks * size,) of windows in blocks at even distances, and the size of a block."""
     which = np.flatnonzero(usable)
     if len(which) < FEWEST:

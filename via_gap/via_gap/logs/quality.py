@@ -12,16 +12,13 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
-from via_core.signals import Array
+from via_core.signals import Array, Indices, Mask
 
 from via_gap.logs.angle_torque import left_by_angles
 from via_gap.logs.findings import Finding, Severity, worst_first
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import STANDARD_ERRORS, LogNoise, log_noise
-
-Indices = NDArray[np.intp]
 
 Interval = tuple[float, float]
 SEGMENT = 0.25  # [s] length of a segment
@@ -100,7 +97,7 @@ def _without(whole: Interval, cuts: Sequence[Interval]) -> list[Interval]:
     return left
 
 
-def _spans(time: Array, which: NDArray[np.bool_]) -> tuple[Interval, ...]:
+def _spans(time: Array, which: Mask) -> tuple[Interval, ...]:
     """Intervals of neighbouring samples for which `which` (N,) holds."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], which, [False])).astype(int)))
     return tuple((float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2))
@@ -202,7 +199,7 @@ def _drive(log: JointLog) -> Iterator[_Found]:
     yield _Found(log.finding("no torque", "tau_1", "refuse", 0.0, text))
 
 
-def _moving(log: JointLog, noise: LogNoise) -> tuple[Indices, Indices, NDArray[np.bool_]]:
+def _moving(log: JointLog, noise: LogNoise) -> tuple[Indices, Indices, Mask]:
     """Samples with a link angle (n,), the segment of each (n,), and whether each segment moves (segments,).
 
     A segment moves if its range is twice that of noise, which is about 2 sqrt(2 ln n) sd for n normal values.

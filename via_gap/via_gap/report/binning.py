@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
-from via_core.signals import Array
+from via_core.signals import Array, Mask
 
 from via_gap.candidates.localisation import Quantity
 
@@ -33,7 +32,7 @@ def quantities(states: Array, time: Array, axis: int, n_transmissions: int) -> M
     return {by: pair for by, pair in against.items() if np.isfinite(pair[1]).all()}
 
 
-def bins_of(by: Quantity, values: Array) -> list[tuple[float, float, NDArray[np.bool_]]]:
+def bins_of(by: Quantity, values: Array) -> list[tuple[float, float, Mask]]:
     """Range and members (N,) of each bin; bins with fewer than FEWEST samples are left out."""
     if by == "time":
         edges = np.linspace(values.min(), values.max(), TIME_BINS + 1)

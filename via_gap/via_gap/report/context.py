@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
 from via_gap.candidates.location import missing_effects
 from via_gap.logs.log import JointLog
@@ -13,7 +13,7 @@ from via_gap.report.simulated_intervals import runs
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.recordings import Recordings, follows
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.segments import Segments
 from via_gap.selection.reliability import shipped
 
 

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from via_core.devices import Device
-from via_core.signals import Array
+from via_core.signals import Array, Indices, Mask
 from via_sim.effects import Effect
 
 from via_gap.logs.between import acting
@@ -16,7 +15,7 @@ from via_gap.logs.replay import simulated_log
 from via_gap.residual.errors import NAMES
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.segments import Segments
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +37,7 @@ class SimulatedInterval:
     measured: Array
     before: Array
     after: Array
-    restarts: NDArray[np.bool_]
+    restarts: Mask
     floor: Array
     torque: bool = False
 

@@ -24,10 +24,9 @@ from math import exp, isfinite, nan
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from via_core.errors import ParameterError
 from via_core.servos import servo_acceleration
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 from via_sim.joint.actuation import couple, servo_bandwidth
 from via_sim.joint.compiled import inlined
 from via_sim.joint.encoders import read_motion, true_motion
@@ -87,7 +86,7 @@ class EquationTorques:
     inertia: Array
 
 
-def equation_torques(row: Array, record: Record, wanted: NDArray[np.intp] | None = None) -> EquationTorques:
+def equation_torques(row: Array, record: Record, wanted: Indices | None = None) -> EquationTorques:
     """Torques of a joint with parameter row (N_PARAMETERS,) along a record; tick and substeps of the row are ignored.
 
     wanted  (n,) ascending indices of the samples to return; None: all N

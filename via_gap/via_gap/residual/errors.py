@@ -12,14 +12,14 @@ from functools import partial
 
 import numpy as np
 from via_core.devices import Device
-from via_core.signals import Array, Signals
+from via_core.signals import Array, Indices, Signals
 from via_sim.effects import Effect
 
 from via_gap.logs.between import acting
 from via_gap.logs.replay import simulated_log
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.segments import Segments
 
 BLOCK = 2.0  # [s] of a free run that are resampled together
 RESAMPLES = 400

@@ -20,10 +20,9 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from via_core.devices import Device
 from via_core.errors import SignalError
-from via_core.signals import Array
+from via_core.signals import Array, Indices, Mask
 from via_core.weak_form import window_weights
 from via_sim.joint.layout import EXTERNAL, POWER
 from via_sim.joint.parameters import P
@@ -31,7 +30,7 @@ from via_sim.plants import JointPlant
 
 from via_gap.residual.equation_torques import EquationTorques, equation_torques
 from via_gap.residual.record import Record
-from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.segments import Segments
 from via_gap.residual.threads import together
 
 WINDOW = 0.06  # [s]
@@ -72,7 +71,7 @@ class Windows:
     stride: int
     floor: Array
     drive: Array
-    whole: NDArray[np.bool_]
+    whole: Mask
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,7 @@ from functools import partial
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 from via_sim.joint.layout import GOAL, HISTORY, N_MODES, POWER, X
 from via_sim.joint.measurements import stride
 from via_sim.joint.parameters import POSITION_DRIVE, P
@@ -31,7 +30,7 @@ STIFFNESSES = np.r_[P.bristle_stiffness : P.bristle_stiffness + 3, P.hysteresis_
 ELEMENTS, GOAL_NUMBERS = np.r_[TORQUES, STIFFNESSES], np.array([P.delay, P.lag, P.drive_speed_limit])
 
 
-def torques_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
+def torques_along(rows: Array, angles: Array, ticks: Indices) -> Array:
     """Torques [N m] (K, n, HELD) of the elements of rows (K, N_PARAMETERS) at ticks (n,).
 
     angles  (T, 3) [rad] of link and motors on every tick; NaN: not measured, taken as 0
@@ -47,7 +46,7 @@ def with_memory(rows: Array) -> Array:
 
 
 def _once_per_row(
-    rows: Array, which: Array, slots: Array, ticks: NDArray[np.intp], width: int, integrate: Callable[..., None]
+    rows: Array, which: Array, slots: Array, ticks: Indices, width: int, integrate: Callable[..., None]
 ) -> Array:
     """(K, n, width) by `integrate(rows, ascending ticks, out)`, once for rows `which` (K,) that agree in `slots`."""
     out = np.zeros((len(rows), len(ticks), width))
@@ -87,7 +86,7 @@ def with_late_goal(rows: Array) -> Array:
     return np.asarray(slow & (rows[:, P.link_drive] == POSITION_DRIVE))
 
 
-def goals_along(rows: Array, commands: Array, measured: Array, ticks: NDArray[np.intp]) -> Array:
+def goals_along(rows: Array, commands: Array, measured: Array, ticks: Indices) -> Array:
     """(K, n, 2) [rad] lag of the goals of rows (K, N_PARAMETERS) by speed limit and by time constant at ticks (n,).
 
     commands  (T, N_COMMANDS) constant over each tick; before the first tick the drive had reached its first goal
@@ -130,11 +129,11 @@ def _follow(commands: Array, measured: Array, rows: Array, ticks: Array, out: Ar
 
 def write_history(
     rows: Array,
-    ticks: NDArray[np.intp],
+    ticks: Indices,
     states: Array,
     rate: float,
     known: Sequence[int],
-    motion: Callable[[Array, NDArray[np.intp]], Array],
+    motion: Callable[[Array, Indices], Array],
 ) -> None:
     """Write into states (n, .) the motion before segments that start at `ticks` (n,), for late encoders of rows (n, .).
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from via_core.devices import Device
 from via_core.errors import ParameterError
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 from via_sim.effects import Effect, in_order
 from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
@@ -21,7 +21,7 @@ from via_sim.plants import JointPlant
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.nuisance import BOUND, Nuisance, apply_all, descend, nuisances, repaired_device
 from via_gap.residual.rollout import Rollout
-from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.segments import Segments
 
 View = Rollout | InverseDynamics
 STEP = 0.01  # relative finite-difference step of a nuisance parameter

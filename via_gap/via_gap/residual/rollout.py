@@ -20,7 +20,7 @@ from functools import cached_property, partial
 from math import ceil
 
 import numpy as np
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.encoders import true_motions
 from via_sim.joint.layout import QUEUED, X
@@ -30,7 +30,7 @@ from via_sim.lockstep.run import RUNS_PER_CALL, run_many
 from via_gap.residual.command_gaps import pulses
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, write_history
-from via_gap.residual.segments import START, Indices, Segments, binned
+from via_gap.residual.segments import START, Segments, binned
 from via_gap.residual.threads import THREADS, together
 from via_gap.residual.unseen import UnseenMotors
 

@@ -12,10 +12,10 @@ from functools import cached_property
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 from via_core.errors import SignalError
-from via_core.signals import Array
+from via_core.signals import Array, Mask
+from via_core.signals import Indices as Indices
 from via_sim.joint.layout import EXTERNAL, N_COMMANDS
 from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows
@@ -28,7 +28,6 @@ from via_gap.logs.rounding import interpolated, mean_variance, step_of, variance
 from via_gap.logs.start import FIRST
 from via_gap.residual.smoothing import smoothed, window_of
 
-Indices = NDArray[np.intp]
 SPAN = 0.25  # [s] of a segment of a torque-driven joint, which drifts
 # [s] by the drive. With a position drive, a wrong start decays within the settling time of the loop; with servos, a
 # joint does not drift.
@@ -80,7 +79,7 @@ class Segments:
     commands: Array
     begin: Indices
     angles: Array
-    hidden: NDArray[np.bool_]
+    hidden: Mask
     start: Array
     measured: Array
     weight: Array
@@ -216,7 +215,7 @@ def lined(segments: Segments, late: float) -> Segments:
     return replace(segments, log=log, commands=_drive(log, grid))
 
 
-def _inside(begin: Array, span: float, usable: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+def _inside(begin: Array, span: float, usable: Sequence[tuple[float, float]]) -> Mask:
     """(S,) whether segments from `begin` [s] with length `span` [s] lie within one of the usable intervals."""
     within = [(low - EDGE <= begin) & (begin + span <= high + EDGE) for low, high in usable]
     return np.any(within, axis=0) if within else np.zeros(len(begin), dtype=np.bool_)
@@ -239,7 +238,7 @@ def binned(angles: Array, every: int, averaged: bool) -> Array:
     return cut.mean(axis=-2) if averaged else cut[..., -1, :]
 
 
-def _between(grid: Array, gaps: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+def _between(grid: Array, gaps: Sequence[tuple[float, float]]) -> Mask:
     """(T,) whether each tick of `grid` lies inside one of the gaps (begin, end) [s], which do not overlap."""
     begin, end = np.array(gaps).reshape(-1, 2).T
     before = np.searchsorted(begin, grid, side="left")  # gaps that begin earlier
@@ -288,9 +287,7 @@ def _aligned(log: JointLog, rate: float) -> float:
     return first if phase > 1.0 - ROUNDED else first + phase / rate  # 1 by rounding errors is 0
 
 
-def _angles(
-    log: JointLog, grid: Array, axes: Sequence[int]
-) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_], Array]:
+def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Mask, Mask, Array]:
     """Angles (T, a) [rad] on the grid; whether hidden (T,), and whether a sample is lost (T, a).
 
     Last the interpolation weights (T, a, 4) of the samples in these angles.

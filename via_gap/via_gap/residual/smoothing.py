@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
-from via_core.signals import Array
+from via_core.signals import Array, Mask
 
 from via_gap.logs.rounding import slope_order
 
 
 def smoothed(
-    angles: Array, known: NDArray[np.bool_], axes: Sequence[int], half: int, quanta: Array, per_sample: int
+    angles: Array, known: Mask, axes: Sequence[int], half: int, quanta: Array, per_sample: int
 ) -> tuple[Array, Array]:
     """(T, 6) angle of a quadratic and velocity [1/tick] of a quadratic or a cubic, over `half` ticks to either side.
 
@@ -45,7 +44,7 @@ def smoothed(
     return states, sd
 
 
-def local_fit(values: Array, known: NDArray[np.bool_], half: int, order: int, derivative: int) -> tuple[Array, Array]:
+def local_fit(values: Array, known: Mask, half: int, order: int, derivative: int) -> tuple[Array, Array]:
     """Derivative 0 or 1 (T,) by t / half of the polynomial fitted to the known values within `half` to either side.
 
     The second result (T,) is its standard deviation over that of a value; infinite where too few are known, where the

@@ -19,8 +19,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 from via_sim.joint.parameters import P
 from via_sim.lockstep.run import lead_many
 
@@ -50,8 +49,8 @@ class UnseenMotors:
     """
 
     measured: Array
-    axes: NDArray[np.intp]
-    ticks: NDArray[np.intp]
+    axes: Indices
+    ticks: Indices
     commands: Array
     start: Array
     _found: OrderedDict[bytes, Array] = field(default_factory=OrderedDict, init=False)

@@ -13,7 +13,6 @@ from typing import Annotated
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.signal import savgol_coeffs, savgol_filter
 from via_core.arm_files import ArmFile, read_arm
@@ -22,7 +21,7 @@ from via_core.errors import DeviceError, SignalError
 from via_core.recordings.entries import Constants
 from via_core.robots.description import TORQUE, Number
 from via_core.robots.models import is_model, read_robot
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
 from via_gap.run.describe import Recorded, described
 
@@ -50,7 +49,7 @@ class Arm:
     name: str
     devices: tuple[Device, ...]  # one per joint, base first
     model: pinocchio.Model  # rotors as armature
-    order: NDArray[np.intp]  # (n,) index of each device's joint in the model's vectors
+    order: Indices  # (n,) index of each device's joint in the model's vectors
     reference: Array | None = None  # (n,) [rad] angles in the zero pose of the model; None: 0
 
     def torques(self, angle: Array, velocity: Array, acceleration: Array) -> Array:

@@ -15,10 +15,7 @@ Source: P. R. Hansen, A. Lunde, J. M. Nason, The Model Confidence Set, Econometr
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
-from via_core.signals import Array
-
-Indices = NDArray[np.intp]
+from via_core.signals import Array, Indices
 
 
 def confidence_set(losses: Array, picks: Indices, margin: float, alpha: float) -> tuple[Indices, Array]:

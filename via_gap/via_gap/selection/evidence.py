@@ -17,11 +17,10 @@ from functools import cache
 
 import numpy as np
 from scipy.stats import norm
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
 from via_gap.candidates.fit import Fit, event_times
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import Indices
 from via_gap.selection.numbers import NUMBERS
 
 BLOCK = 1.0  # [s] of segments that are resampled together; at least one segment

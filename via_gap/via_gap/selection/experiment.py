@@ -15,13 +15,13 @@ from typing import Literal
 
 import numpy as np
 from via_core.errors import SignalError
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
 from via_gap.candidates.fit import Fit, fit_device_parameters
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel, View
 from via_gap.residual.rollout import Rollout
-from via_gap.residual.segments import Indices, Segments, lined
+from via_gap.residual.segments import Segments, lined
 from via_gap.selection.evidence import Evaluation, evaluate, predicts, significantly_worse
 from via_gap.selection.folds import Folds
 from via_gap.selection.holdout import lopsided, one_sided, split, split_finely

@@ -12,12 +12,11 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
 from via_gap.candidates.fit import Budget, Fit, members_of, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import Indices
 from via_gap.selection.bound import flexible
 from via_gap.selection.evidence import Evaluation
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
-from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.segments import Segments
 from via_gap.selection.information import describe, hold_out
 
 BLOCK = 2.0  # [s] at least

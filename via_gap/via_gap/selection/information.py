@@ -10,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
-from via_core.signals import Array
+from via_core.signals import Array, Indices, Mask
 
-Indices = NDArray[np.intp]
 SHARE = 0.4  # of the information that is held out: two of five, as in alternating blocks
 EXHAUSTIVE = 12  # groups up to which all choices are tried; beyond, single groups are exchanged
 
@@ -61,7 +59,7 @@ def _cost(shares: Array) -> Array:
     return np.stack([off.max(axis=-1), off.mean(axis=-1)], axis=-1)
 
 
-def _every(parts: Array) -> NDArray[np.bool_]:
+def _every(parts: Array) -> Mask:
     """The best of all proper choices of groups."""
     count = len(parts)
     choices = (np.arange(1, 2**count - 1)[:, None] >> np.arange(count)) % 2 == 1
@@ -69,7 +67,7 @@ def _every(parts: Array) -> NDArray[np.bool_]:
     return choices[np.lexsort((cost[:, 1], cost[:, 0]))[0]]
 
 
-def _exchanged(parts: Array) -> NDArray[np.bool_]:
+def _exchanged(parts: Array) -> Mask:
     """A choice that adding, removing or exchanging single groups does not improve, from alternating groups on."""
     order = np.argsort(-parts.sum(axis=1), kind="stable")
     chosen = np.zeros(len(parts), dtype=bool)

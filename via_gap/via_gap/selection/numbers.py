@@ -6,15 +6,14 @@ from importlib import resources
 from typing import Annotated
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+from via_core.device_parts import Record
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 
 
-class Numbers(BaseModel):
+class Numbers(Record):
     """See `numbers.yaml`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     significance: Share
     margin: Annotated[float, Field(gt=0.0)]

@@ -28,29 +28,25 @@ from importlib import resources
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict
+from via_core.device_parts import Record
 from via_core.signals import Array
 
 DISCREPANCY = 0.003  # of a value: below it, the intervals of exact models of a second simulator fail
 
 
-class Counts(BaseModel):
+class Counts(Record):
     """Answers of one verdict, and in how many of them the first cause was right."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     answers: int
     right: int
 
 
-class Reliability(BaseModel):
+class Reliability(Record):
     """Counts of each verdict, and of each signal set the least share of a cause in its conformal set.
 
     wider       factor of the standard deviations of named parameters, see above
     parameters  number of parameters that it was computed from
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     origin: str
     seeds: str

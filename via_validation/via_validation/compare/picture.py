@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from via_bringup.demo.pictures import STYLE
+from via_core.metrics import WIDTH_95
 
 from via_validation.compare import decision
 from via_validation.compare.looks import LOOKS
@@ -57,9 +58,9 @@ def _stiffness(axes: plt.Axes, comparison: Comparison, device: str, level: str) 
     mean = float(np.mean(cases[0].example.truth[part]))
     for case in cases:
         colour, run = LOOKS[case.method]["color"], case.example
-        value, sd = run.value[part] / mean, run.sd[part] / mean
+        value, half = run.value[part] / mean, WIDTH_95 * (run.sd[part] / mean)
         axes.plot(run.time[part], value, color=colour, linewidth=1.3, label=case.method)
-        axes.fill_between(run.time[part], value - 1.96 * sd, value + 1.96 * sd, color=colour, alpha=0.2, linewidth=0)
+        axes.fill_between(run.time[part], value - half, value + half, color=colour, alpha=0.2, linewidth=0)
     truth = cases[0].example
     axes.plot(truth.time[part], truth.truth[part] / mean, color="black", linestyle="--", label="truth")
     reach = float(np.max(truth.truth[part])) / mean

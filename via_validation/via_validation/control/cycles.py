@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -19,7 +18,7 @@ class Cycles:
     level: float = 0.0
 
     @cached_property
-    def first(self) -> NDArray[np.intp]:
+    def first(self) -> Indices:
         """Samples (c + 1,) just before an upward crossing; c whole cycles."""
         x = self.value - self.level
         return np.asarray(np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0)))

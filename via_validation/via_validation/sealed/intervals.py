@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from math import hypot, inf, pi
 from typing import Any
 
+from via_core.metrics import WIDTH_95
+
 from via_validation.sealed.rightness import Cause, locates
 
-NORMAL = 1.96  # standard deviations on either side that contain 95 % of a normal distribution
 PERIODIC = ("torque_ripple", "encoder_eccentricity")  # sums of amplitude sin(order angle + phase)
 SAME_ORDER = 0.25  # [1/rev] terms closer than this are the same term
 
@@ -91,7 +92,7 @@ def _value(reported: Any) -> float:
 
 def _distance(reported: Any, value: float) -> float:
     """Distance of a value from the reported one over half the interval, less the rounding of the report's numbers."""
-    half = NORMAL * reported.get("sd", 0.0)
+    half = WIDTH_95 * reported.get("sd", 0.0)
     low, high = reported.get("interval") or (reported["value"] - half, reported["value"] + half)
     half = high - reported["value"] if value > reported["value"] else reported["value"] - low
     apart = max(abs(value - reported["value"]) - 1e-9 * hypot(low, high), 0.0)
