@@ -149,3 +149,17 @@ def test_a_ripple_has_a_whole_period_in_the_motion():
         assert low[1] == pytest.approx(periods) and high[1] > 80.0
     eccentric = Location("encoder_eccentricity", "sensor", 1, ("order",))
     assert bounds_of(eccentric, travelled)[0][2] == min(p.low for p in eccentric.parameters if p.name == "order")
+
+
+def test_a_ripple_that_asks_for_less_than_a_whole_period_is_not_named():
+    """At the least order that a ripple may have, it stands for another function of the angle."""
+    ripple = Location("torque_ripple", "motor", 1)
+    least = float(bounds_of(ripple, scales())[0][1])
+    sd = (0.001, 0.01, 0.01)
+    assert doubt(fit(ripple, sd, 0.1, least, 0.3), scales()).endswith("order is at the end of its range")
+    assert doubt(fit(ripple, sd, 0.1, 1.5 * least, 0.3), scales()) == ""
+    more = Location("torque_ripple", "motor", 1, ("amplitude_2", "order_2", "phase_2"))
+    for second, named in ((0.1, False), (0.0, True)):
+        effect = more.effect(dict(zip((p.name for p in more.parameters), (0.1, 3.0 * least, 0.3, second, least, 0.1), strict=True)))
+        both = Fit((effect,), np.zeros(2), 0.0, NOTHING, 1e-6 * np.eye(6))
+        assert (doubt(both, scales()) == "") == named

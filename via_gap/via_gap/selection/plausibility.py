@@ -43,6 +43,8 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
         edge = EDGE * np.array([size_of(p, location, scales) for p in parameters])
         at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral))
         limited = range(len(parameters)) if location.kind.contains else which  # at an end it is the simpler effect
+        if location.kind.whole_period:  # at an end the fit asks for a part of a period: any function of the angle
+            limited = [*limited, *_orders(location, values)]
         for i in limited:
             if at_end[i]:
                 return f"{location}: {parameters[i].name} is at the end of its range"
@@ -54,6 +56,12 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
             if float(size @ information @ size) < chi2.ppf(1.0 - NUMBERS.significance, len(size)):
                 return f"{location}: its size is consistent with zero"
     return ""
+
+
+def _orders(location: Location, values: Array) -> list[int]:
+    """Parameters that are the orders of harmonics with an amplitude."""
+    units = [p.unit for p in location.parameters]
+    return [i for i, unit in enumerate(units) if unit == "1/rev" and values[i - 1] != 0.0]
 
 
 def _size(location: Location, values: Array, neutral: Array, which: list[int]) -> tuple[Array, Array]:
