@@ -90,6 +90,21 @@ def test_what_a_torque_may_depend_on_is_finite_where_nothing_moves():
     assert Basis.of([segments]).values(segments).shape[0] == -(-len(segments.start) // ticks_of(segments))
 
 
+@pytest.mark.parametrize("friction", ["damping", "tight spot"])
+def test_friction_that_differs_along_the_way_is_in_reach(friction):
+    """Otherwise it would count as not explainable, and what imitates a part of it as its cause."""
+    segments = cut_log(log_of(joint(), (), seed=31, duration=40.0))
+    state = segments.start[:: ticks_of(segments)]
+    angle, speed = state[:, 0], state[:, 3]
+    spot = np.exp(-(((angle - 0.25) / 0.35) ** 2))
+    torque = angle**2 * speed if friction == "damping" else spot * np.tanh(speed / 0.1)
+    values = Basis.of([segments]).values(segments)
+    known = (np.arange(len(angle)) // 500) % 2 == 0
+    normal = values[known].T @ values[known] + 1e-6 * np.eye(values.shape[1])
+    left = torque - values @ np.linalg.solve(normal, values[known].T @ torque[known])
+    assert np.std(left[~known]) < 0.3 * np.std(torque[~known])
+
+
 def test_a_torque_that_repeats_along_the_way_is_found_by_its_waves():
     ripple = Effect("torque_ripple", "motor", {"amplitude": 0.02, "order": 9.0, "phase": 0.3}, 1)
     fitted, evaluated, base, segments = prepared(joint(), (ripple,), 20.0)

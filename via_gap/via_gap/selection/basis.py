@@ -1,9 +1,9 @@
 """Basis functions of a flexible torque model: functions of the measured motion, of commands and of time.
 
 Quadratic polynomials of angle, speed, deflection, motor speed and command, and their cubes; hat functions of each;
-softened signs of speeds at several widths, alone and times load; play operators of several widths, for hysteresis;
-the lag of a drive behind commands; time. Linear combinations of them approximate most torques, whether or not the
-catalogue contains the effect.
+softened signs of speeds at several widths, alone and times load; speed and its sign times hats of the link angle; play
+operators of several widths, for hysteresis; the lag of a drive behind commands; time. Linear combinations of them
+approximate most torques, whether or not the catalogue contains the effect.
 """
 
 from __future__ import annotations
@@ -76,6 +76,8 @@ class Basis:
             signs = np.tanh(raw[:, [i]] / np.array(SOFT))
             columns += [signs, raw[:, [i]] * np.abs(raw[:, [i]]) / self.scale[i] ** 2]
             columns += [signs[:, [1]] * np.abs(z[:, [j]]) for j in (*angles, *drives)]
+        here = _hats(raw[:, 0], self.knots[0])  # friction and damping that differ along the way of the link
+        columns += [here * z[:, [1]], here * np.tanh(raw[:, [1]] / SOFT[1])]
         columns.append(_plays(z[:, angles]))
         for i in drives:
             for lag in LAGS:
