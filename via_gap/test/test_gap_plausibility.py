@@ -160,6 +160,8 @@ def test_a_ripple_that_asks_for_less_than_a_whole_period_is_not_named():
     assert doubt(fit(ripple, sd, 0.1, 1.5 * least, 0.3), scales()) == ""
     more = Location("torque_ripple", "motor", 1, ("amplitude_2", "order_2", "phase_2"))
     for second, named in ((0.1, False), (0.0, True)):
-        effect = more.effect(dict(zip((p.name for p in more.parameters), (0.1, 3.0 * least, 0.3, second, least, 0.1), strict=True)))
+        effect = more.effect(
+            dict(zip((p.name for p in more.parameters), (0.1, 3.0 * least, 0.3, second, least, 0.1), strict=True))
+        )
         both = Fit((effect,), np.zeros(2), 0.0, NOTHING, 1e-6 * np.eye(6))
         assert (doubt(both, scales()) == "") == named
