@@ -54,7 +54,8 @@ def test_estimators_correct_the_model_and_its_fallback_is_smooth(graph):
     graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 4000)
     assert model(bench) == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0], abs=0.01)
     assert np.abs(bench.quantity("H")[-500:] / LEVEL - 1.0).max() > 0.1
-    assert largest_step(bench, killed) < 2.0 * largest_step(bench, 2000, killed)
+    # without further samples the controller lets go, which may be seen here
+    assert largest_step(bench, killed, 4000) < 2.0 * largest_step(bench, 2000, killed)
     assert within_limits(bench) and {each[0] for each in bench.states} == {ControlState.ACTIVE}
 
 

@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 from joint_records import of_commands
 from sim_joints import positioned
-from sim_position_drives import EFFECT_SETS, GRAVITY, RATE, SERVOS, goals, wave
+from sim_position_drives import EFFECT_SETS, GRAVITY, KP, RATE, SERVOS, goals, wave
 from via_core.weak_form import window_weights
 from via_gap.residual.equation_torques import equation_torques
+from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate
 
 
-def residual(plant, record, span: int = 60) -> np.ndarray:
+SPAN = 60  # samples of a window
+
+
+def residual(plant, record, span: int = SPAN) -> np.ndarray:
     """(windows,) M <q, psi''> - <torque, psi> [N m] of the link, after the speed-limited goal is known."""
     found = equation_torques(plant.parameters, record)
     W = window_weights(4, record.time[: span + 1])
@@ -21,14 +25,8 @@ def residual(plant, record, span: int = 60) -> np.ndarray:
     return out[~np.any(found.standing[rows, 0], axis=1)]
 
 
-@pytest.mark.parametrize("servo", ["{kp: 4.0, kd: 0.1}", *SERVOS])
-@pytest.mark.parametrize(
-    "effects",
-    [each for each in EFFECT_SETS if each[0].name != "encoder_quantisation"],
-    ids=lambda each: "-".join(f"{e.name}-{len(e.parameters)}" for e in each),
-)
-def test_equations_balance_without_measured_torque(servo, effects) -> None:
-    """The residual is small with the effects in the equations, and much larger without them."""
+def residuals(servo, effects) -> tuple[float, float]:
+    """Root mean squares of the residual [N m] with the effects in the equations, and without them."""
     device = positioned(GRAVITY, servo)
     nominal = JointPlant.from_device(device)
     plant = nominal.with_effects(effects)
@@ -37,9 +35,28 @@ def test_equations_balance_without_measured_torque(servo, effects) -> None:
     velocity = np.zeros((len(seen), 3))
     velocity[:, 0] = seen["q_velocity"]
     record = of_commands(device, seen, velocity, sent)
-    right, wrong = np.abs(residual(plant, record)), np.abs(residual(nominal, record))
-    assert np.sqrt(np.mean(right**2)) < 1.5e-3
-    assert np.sqrt(np.mean(wrong**2)) > 20.0 * np.sqrt(np.mean(right**2))
+    right, wrong = residual(plant, record), residual(nominal, record)
+    return float(np.sqrt(np.mean(right**2))), float(np.sqrt(np.mean(wrong**2)))
+
+
+@pytest.mark.parametrize("servo", ["{kp: 4.0, kd: 0.1}", *SERVOS])
+@pytest.mark.parametrize(
+    "effects",
+    [each for each in EFFECT_SETS if each[0].name not in ("encoder_quantisation", "position_deadband")],
+    ids=lambda each: "-".join(f"{e.name}-{len(e.parameters)}" for e in each),
+)
+def test_equations_balance_without_measured_torque(servo, effects) -> None:
+    right, wrong = residuals(servo, effects)
+    assert right < 1.5e-3 and wrong > 20.0 * right
+
+
+@pytest.mark.parametrize("servo", ["{kp: 4.0, kd: 0.1}", *SERVOS])
+def test_a_dead_band_balances_but_for_the_cells_at_its_edges(servo) -> None:
+    """There the torque of the whole cell counts or none of it: half the jump, at most with a sample's largest weight."""
+    width = 0.1
+    right, wrong = residuals(servo, [Effect("position_deadband", "motor", {"width": width}, 1)])
+    largest = window_weights(4, np.arange(SPAN + 1) / RATE)[0].max()
+    assert right < 0.5 * KP * width * largest and wrong > 5.0 * right
 
 
 def test_equations_balance_while_the_drive_is_off() -> None:
