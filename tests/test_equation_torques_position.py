@@ -11,7 +11,6 @@ from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate
 
-
 SPAN = 60  # samples of a window
 
 
@@ -52,7 +51,7 @@ def test_equations_balance_without_measured_torque(servo, effects) -> None:
 
 @pytest.mark.parametrize("servo", ["{kp: 4.0, kd: 0.1}", *SERVOS])
 def test_a_dead_band_balances_but_for_the_cells_at_its_edges(servo) -> None:
-    """There the torque of the whole cell counts or none of it: half the jump, at most with a sample's largest weight."""
+    """There the torque of a whole cell counts or none of it: half the jump, with at most a sample's largest weight."""
     width = 0.1
     right, wrong = residuals(servo, [Effect("position_deadband", "motor", {"width": width}, 1)])
     largest = window_weights(4, np.arange(SPAN + 1) / RATE)[0].max()
