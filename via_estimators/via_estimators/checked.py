@@ -183,8 +183,9 @@ class Checked(Wrapped):
         stiffest = []
         for spring in device.spring_laws:
             phi = np.linspace(-spring.max_deflection, spring.max_deflection, 129)
-            alone = np.array_equal(spring.stiffness(phi, 0.0), spring.stiffness(phi, 1.0))
-            stiffest.append(factor * float(np.max(spring.stiffness(phi, 0.0))) if alone else np.inf)  # or by its preset
+            steepest = factor * float(np.max(spring.stiffness(phi, 0.0)))
+            adjustable = not np.array_equal(spring.stiffness(phi, 0.0), spring.stiffness(phi, 1.0))
+            stiffest.append(np.inf if adjustable else steepest)  # a preset has no stated limit
         low, high = np.zeros(len(self.outputs)), np.full(len(self.outputs), np.inf)
         for at, name in enumerate(self.outputs):
             kind, _, number = name.rpartition("_")

@@ -102,6 +102,12 @@ def limits(at: Callable[[Typical], list[float]], of_peak: bool = False) -> Start
     return Starts(("limit",), lambda here: [Start(({"limit": x},), ()) for x in at(here)], limit=True, of_peak=of_peak)
 
 
+def thresholds(size: str, largest: Callable[[Typical], float]) -> Starts:
+    """Thresholds below which a drive does nothing, as shares of its largest input."""
+    shares = (0.02, 0.05, 0.1, 0.2, 0.4)
+    return Starts((size,), lambda here: [Start(({size: share * largest(here)},), ()) for share in shares], of_peak=True)
+
+
 def waves(at: Callable[[Typical], list[Values]]) -> Starts:
     """Sines and cosines with these amplitudes and orders."""
     both = (0.0, 0.5 * pi)

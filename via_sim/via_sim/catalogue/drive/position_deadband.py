@@ -7,7 +7,7 @@ next sample: the error is about 2 % of the width.
 from __future__ import annotations
 
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot
-from via_sim.catalogue.starts import Start, Starts, Typical
+from via_sim.catalogue.starts import Typical, thresholds
 from via_sim.catalogue.terms import Term
 
 
@@ -15,10 +15,10 @@ def _corrected(position_deadband: float, error: float) -> float:
     return error * (abs(error) >= position_deadband)
 
 
-def _starts(here: Typical) -> list[Start]:
+def _largest_error(here: Typical) -> float:
+    """Error [rad] at the largest torque of the drive."""
     assert here.device.servo is not None
-    largest = here.peak / here.device.servo.kp  # [rad] error at the largest torque
-    return [Start(({"width": share * largest},), ()) for share in (0.02, 0.05, 0.1, 0.2, 0.4)]
+    return here.peak / here.device.servo.kp
 
 
 KIND = EffectKind(
@@ -32,7 +32,7 @@ KIND = EffectKind(
     ),
     slots=(Slot("position_deadband", "rad", "errors of a position drive below it are not corrected", 3),),
     terms=(Term("error", _corrected),),
-    starts=Starts(("width",), _starts, of_peak=True),
+    starts=thresholds("width", _largest_error),
     of_drive=True,
     of_goal=True,
 )

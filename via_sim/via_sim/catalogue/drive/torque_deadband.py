@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot
-from via_sim.catalogue.starts import Start, Starts
+from via_sim.catalogue.starts import thresholds
 from via_sim.catalogue.terms import Term
 
 
@@ -22,11 +22,7 @@ KIND = EffectKind(
     ),
     slots=(Slot("torque_deadband", "N m", "commanded torques below it do not pass the drive", 3),),
     terms=(Term("command", _passed),),
-    starts=Starts(
-        ("threshold",),
-        lambda here: [Start(({"threshold": share * here.peak},), ()) for share in (0.02, 0.05, 0.1, 0.2, 0.4)],
-        of_peak=True,
-    ),
+    starts=thresholds("threshold", lambda here: here.peak),
     needs_torque_drive=True,
     of_drive=True,
     of_torque=True,
