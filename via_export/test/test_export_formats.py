@@ -77,6 +77,16 @@ def test_sdf_has_a_link_for_the_motor_and_a_spring() -> None:
     assert number(made, f"model/link[@name='{device.name}_motor']/inertial/inertia/izz") == device.motors[0].inertia
 
 
+def test_sdf_has_a_spring_to_the_base_where_its_joint_is_that_of_the_link() -> None:
+    spring = Effect("link_spring", "link", {"stiffness": 0.7, "rest": -0.2})
+    made = export(load_device("xl330"), [spring, Effect("encoder_offset", "sensor", {"offset": 0.05})], "sdf")
+    axis = "model/joint[@name='xl330_shaft_joint']/axis/dynamics"
+    assert number(made, f"{axis}/spring_stiffness") == 0.7
+    assert number(made, f"{axis}/spring_reference") == pytest.approx(-0.15)
+    lost = export(load_device("cubic_demo"), [spring], "sdf").losses
+    assert "link_spring" in [loss.item for loss in lost]
+
+
 @pytest.mark.parametrize("name", device_names())
 def test_sdf_springs_are_stable_and_its_version_is_one_that_older_gazebos_read(name: str) -> None:
     root = ElementTree.fromstring(export(load_device(name), (), "sdf").text)

@@ -44,6 +44,7 @@ EFFECTS = [
     Effect("encoder_offset", "sensor", {"offset": 0.1}),
     Effect("torque_ripple", "motor", {"amplitude": 0.2, "order": 7.0, "phase": 0.3}, 1),
     Effect("coulomb_friction", "link", {"torque": 0.1}),
+    Effect("link_spring", "link", {"stiffness": 0.6, "rest": 0.5}),
     Effect("actuator_lag", "command", {"time_constant": 0.02}),
 ]
 URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.4"/><mass value="0.7"/>

@@ -111,7 +111,7 @@ def _joint_attributes(joint: Element, parts: Parts, target: Target, in_degrees: 
             "becomes as soft as the wall"
         )
     for key, value in wanted.items():
-        if key in ("ref", "range"):
+        if key in ("ref", "range", "springref"):
             value = np.asarray(value, dtype=float) * unit
             value = value.tolist() if value.ndim else float(value)
         joint.set(key, text(value))  # type: ignore[arg-type]

@@ -108,7 +108,8 @@ def _link_axis(target: Target, flexible: bool) -> list[Element]:
     damping = target.viscous(LINK) + float(device.damping_of(0.0))
     dry = target.dry(LINK)[1] + target.bristle(LINK)[0]
     if not flexible:
-        return [_dynamics(damping, dry), _limit(target, wall=True, driven=True)]
+        rest = float(row[P.link_spring_rest]) + target.of_axis(P.encoder_offset, LINK)
+        return [_dynamics(damping, dry, rest, float(row[P.link_spring])), _limit(target, wall=True, driven=True)]
     stiffness, moment = 0.0, 0.0
     for i in range(device.n_transmissions):
         each = stiffness_of(target, i)

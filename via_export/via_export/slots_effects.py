@@ -13,6 +13,7 @@ from via_export.target import Target
 READING = "- apply it where you read the encoder"
 FOLLOWS = "friction does not follow the load, and does not increase at standstill"
 UNKNOWN_LOAD = "- friction does not follow a load, and without gravity no mean load is known: it is left out"
+NO_LINK_SPRING = "- add its torque at run time"
 RIGID_SPRING = "- joints are rigid: the effect vanishes with the spring"
 
 
@@ -34,6 +35,10 @@ def _levered_hardening(target: Target, effect: Effect | None) -> bool:
 
 def _unloaded(target: Target, _effect: Effect | None) -> bool:
     return target.gravity_torque == 0.0
+
+
+def _rigid(target: Target, _effect: Effect | None) -> bool:
+    return target.device.n_transmissions == 0
 
 
 def _on_unloaded_link(target: Target, effect: Effect | None) -> bool:
@@ -273,6 +278,15 @@ EFFECT_ROWS = (
         mjcf="= inertial of the link, its centre of mass", urdf="= inertial of the link, its origin",
         sdf="= inertial of the link, its pose", isaaclab="- change the centre of mass in the USD file",
         bam="- change the mass of the test bench",
+    ),
+    row(
+        "link_spring", "of a rigid joint", _rigid,
+        mjcf="= joint stiffness and springref", sdf="= axis dynamics/spring_stiffness and spring_reference",
+        others=NO_LINK_SPRING,
+    ),
+    row(
+        "link_spring", "of a joint with springs",
+        mjcf="= joint stiffness and springref of the link", others=NO_LINK_SPRING,
     ),
     row(
         "contact",

@@ -115,6 +115,7 @@ SIZES = {
     "payload": {"mass": 0.1, "distance": 0.2},
     "link_inertia": {"inertia": 0.005},
     "gravity_error": {"torque": 0.1, "angle": 0.1},
+    "link_spring": {"stiffness": 0.2, "rest": 0.3},
     "contact": {"angle": 0.2, "stiffness": 30.0, "damping": 0.1, "side": 1.0},
     "external_torque": {"torque": 0.2, "start": 0.1, "stop": 2.0},
 }

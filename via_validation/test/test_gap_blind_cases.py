@@ -36,7 +36,7 @@ from via_validation.sealed.unmodelled import UNMODELLED
 
 DURATION = 5.0  # [s]
 pytestmark = pytest.mark.timeout(400)  # [s] the first test that asks for the cases also makes them
-NEIGHBOUR_AND_NONE = (2057, 2018)  # development seeds of joints without a gap
+NEIGHBOUR_AND_NONE = (2039, 2017)  # development seeds of joints without a gap
 
 
 def seeds_where(wanted: Callable[[Plan], bool], count: int = 1) -> list[int]:
@@ -68,8 +68,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, list[Mad
 
 
 def test_a_block_of_seeds_holds_every_effect_once_and_its_shares() -> None:
-    begin = 100_254 // BLOCK * BLOCK
-    assert begin == 100_254  # where the command begins
+    begin = 100_287 // BLOCK * BLOCK
+    assert begin == 100_287  # where the command begins
     plans = [plan(s) for s in range(begin, begin + BLOCK)]
     free = [each for each in plans if not each.family and not each.both]
     assert sorted(each.effect for each in free if each.kind == "single" and each.level == "full") == sorted(CATALOGUE)

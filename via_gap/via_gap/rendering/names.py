@@ -12,6 +12,7 @@ from via_gap.report.figures import Member
 from via_gap.report.report import Cause, EffectLocation, Where
 
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+EFFECT_WORDS = {"torque_saturation": "torque or speed limit"}  # of a servo it limits the speed
 AT = {
     "command": "in the command path of motor {}",
     "motor": "at motor {}",
@@ -46,7 +47,7 @@ SEVERAL = 3  # logs that are named one by one
 
 def effect_words(name: str) -> str:
     """coulomb_friction -> Coulomb friction."""
-    return " ".join(PROPER.get(word, word) for word in name.split("_"))
+    return EFFECT_WORDS.get(name) or " ".join(PROPER.get(word, word) for word in name.split("_"))
 
 
 def plain(text: str) -> str:

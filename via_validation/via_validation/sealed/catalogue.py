@@ -295,6 +295,17 @@ def _gravity(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physi
     return Physics(gravity=factor), {"torque": shape["sign"] * size * scene.device.link.gravity_torque, "angle": 0.0}
 
 
+def _tie_rest(rng: Generator, scene: Scene) -> Shape:
+    low, high = scene.angles
+    return {"rest": float(rng.uniform(1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low))}
+
+
+def _tie(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    low, high = scene.angles
+    stiffness = size * scene.torque[0] / (high - low)
+    return Physics(tie_stiffness=stiffness, tie_rest=shape["rest"]), {"stiffness": stiffness, "rest": shape["rest"]}
+
+
 def _wall(rng: Generator, _scene: Scene) -> Shape:
     return {"side": float(rng.choice([-1.0, 1.0])), "depth": float(rng.uniform(0.03, 0.12))}
 
@@ -383,6 +394,7 @@ CATALOGUE: Mapping[str, Entry] = MappingProxyType(
             Entry("payload", _with_gravity, 0.15, 3.0, _payload_arm, _payload),
             Entry("link_inertia", at_site("link"), 0.15, 2.0, no_shape, _inertia),
             Entry("gravity_error", _with_gravity, 0.15, 0.9, _signed, _gravity),
+            Entry("link_spring", at_site("link"), 0.05, 5.0, _tie_rest, _tie),
             Entry("contact", at_site("environment"), 0.5, 50.0, _wall, _contact),
             Entry("external_torque", at_site("environment"), 0.02, 1.5, _interval, _external),
         )

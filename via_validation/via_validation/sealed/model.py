@@ -80,7 +80,8 @@ def _inertial(inertia: float, mass: float = 1.0, arm: float = 0.0) -> str:
 def _joint(name: str, viscous: float, dry: float, physics: Physics, axis: int) -> str:
     damping = f"{viscous + physics.viscous[axis]!r} {physics.drag[axis]!r}"
     loss = dry + physics.friction[axis]
-    return f'<joint name="{name}" type="hinge" axis="0 0 1" damping="{damping}" frictionloss="{loss!r}"/>'
+    spring = f'stiffness="{physics.tie_stiffness!r}" springref="{physics.tie_rest!r}"' if axis == 0 else ""
+    return f'<joint name="{name}" type="hinge" axis="0 0 1" damping="{damping}" frictionloss="{loss!r}" {spring}/>'
 
 
 def _link(device: Device, physics: Physics) -> str:

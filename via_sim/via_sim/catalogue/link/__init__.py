@@ -5,6 +5,7 @@ from via_sim.catalogue.link import (
     external_torque,
     gravity_error,
     link_inertia,
+    link_spring,
     payload,
 )
 
@@ -14,6 +15,7 @@ KINDS = tuple(
         payload,
         link_inertia,
         gravity_error,
+        link_spring,
         contact,
         external_torque,
     )
