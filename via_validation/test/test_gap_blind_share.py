@@ -12,7 +12,7 @@ from via_validation.exports.exported import exported
 from via_validation.exports.reading import read_all
 from via_validation.exports.sources import sealed_sources
 
-SEEDS = {"9231": "coulomb_friction", "12875": "quadratic_drag"}  # clean, good recordings of rigid joints
+SEEDS = {"13200": "coulomb_friction", "10529": "quadratic_drag"}  # clean, good recordings of rigid joints
 
 
 @pytest.mark.timeout(600)  # [s] six processes, each of which compiles or loads the simulators anew
