@@ -126,10 +126,10 @@ def joint_parts(target: Target, link: str = "", kept: float = 0.0) -> Parts:
 
 def _axis(target: Target, axis: int, kept: float = 0.0) -> Attributes:
     """Attributes of a joint: damping, dry friction, a spring to the base, encoder offset."""
-    row, h = target.row, step(target)
-    found: Attributes = {"ref": target.of_axis(P.encoder_offset, axis) + kept}
+    row, h, shift = target.row, step(target), target.of_axis(P.encoder_offset, axis) + kept
+    found: Attributes = {"ref": shift}
     if stiffness := float(row[P.link_spring + axis]):
-        found |= {"stiffness": stiffness, "springref": float(row[P.link_spring_rest + axis]) + found["ref"]}
+        found |= {"stiffness": stiffness, "springref": float(row[P.link_spring_rest + axis]) + shift}
     linear, quadratic = target.viscous(axis), float(row[P.quadratic_drag + axis])
     if axis == LINK and target.device.damper is not None and target.device.damper.site == "link":
         linear += float(target.device.damping_of(0.0)) * _damper_scale(target)

@@ -103,6 +103,10 @@ def no_shape(_rng: Generator, _scene: Scene) -> Shape:
     return {}
 
 
+def _uniform(name: str, low: float, high: float) -> Callable[[Generator, Scene], Shape]:
+    return lambda rng, _scene: {name: float(rng.uniform(low, high))}
+
+
 def _signed(rng: Generator, _scene: Scene) -> Shape:
     return {"sign": float(rng.choice([-1.0, 1.0]))}
 
@@ -172,10 +176,6 @@ def _presliding(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Phy
     torque, length = size * scene.torque[axis], shape["length"]
     physics = Physics(bristle=at_axis(axis, torque), bristle_length=at_axis(axis, length, 1.0))
     return physics, {"torque": torque, "stiffness": torque / length}
-
-
-def _slip_travel(rng: Generator, _scene: Scene) -> Shape:
-    return {"travel": float(rng.uniform(0.1, 0.4))}
 
 
 def _hysteresis(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
@@ -277,10 +277,6 @@ def _gear(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics
     return physics, numbers
 
 
-def _payload_arm(rng: Generator, _scene: Scene) -> Shape:
-    return {"arm": float(rng.uniform(0.1, 0.4))}
-
-
 def _payload(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     mass = size * scene.device.link.inertia / shape["arm"] ** 2
     return Physics(payload_mass=mass, payload_arm=shape["arm"]), {"mass": mass, "distance": shape["arm"]}
@@ -295,15 +291,10 @@ def _gravity(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physi
     return Physics(gravity=factor), {"torque": shape["sign"] * size * scene.device.link.gravity_torque, "angle": 0.0}
 
 
-def _tie_rest(rng: Generator, scene: Scene) -> Shape:
-    low, high = scene.angles
-    return {"rest": float(rng.uniform(1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low))}
-
-
 def _tie(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     low, high = scene.angles
-    stiffness = size * scene.torque[0] / (high - low)
-    return Physics(tie_stiffness=stiffness, tie_rest=shape["rest"]), {"stiffness": stiffness, "rest": shape["rest"]}
+    stiffness, rest = size * scene.torque[0] / (high - low), low + shape["share"] * (high - low)
+    return Physics(tie_stiffness=stiffness, tie_rest=rest), {"stiffness": stiffness, "rest": rest}
 
 
 def _wall(rng: Generator, _scene: Scene) -> Shape:
@@ -373,7 +364,7 @@ CATALOGUE: Mapping[str, Entry] = MappingProxyType(
             Entry("presliding_friction", axes, 0.01, 1.0, _bristle_length, _presliding),
             Entry("load_dependent_friction", axes, 0.02, 0.6, no_shape, _LOADED),
             Entry("backlash", transmissions, 0.02, 1.2, no_shape, _BACKLASH, 0.5),
-            Entry("hysteresis", transmissions, 0.02, 0.8, _slip_travel, _hysteresis),
+            Entry("hysteresis", transmissions, 0.02, 0.8, _uniform("travel", 0.1, 0.4), _hysteresis),
             Entry("spring_damping", transmissions, 0.02, 2.0, no_shape, _SPRING_DAMPING),
             Entry("spring_law", transmissions, 0.15, 3.0, _signed, _spring_law, 900.0),
             Entry("stiffness_drift", transmissions, 0.2, 0.9, _signed, _DRIFT),
@@ -391,10 +382,10 @@ CATALOGUE: Mapping[str, Entry] = MappingProxyType(
             Entry("encoder_eccentricity", _encoders, 1e-4, 0.15, _phase, _eccentricity),
             Entry("encoder_quantisation", _encoders, 3.0, 64.0, no_shape, _QUANTISATION),
             Entry("channel_skew", _clocks, 0.2e-3, 0.03, no_shape, _SKEW),
-            Entry("payload", _with_gravity, 0.15, 3.0, _payload_arm, _payload),
+            Entry("payload", _with_gravity, 0.15, 3.0, _uniform("arm", 0.1, 0.4), _payload),
             Entry("link_inertia", at_site("link"), 0.15, 2.0, no_shape, _inertia),
             Entry("gravity_error", _with_gravity, 0.15, 0.9, _signed, _gravity),
-            Entry("link_spring", at_site("link"), 0.05, 5.0, _tie_rest, _tie),
+            Entry("link_spring", at_site("link"), 0.05, 5.0, _uniform("share", -0.5, 1.5), _tie),
             Entry("contact", at_site("environment"), 0.5, 50.0, _wall, _contact),
             Entry("external_torque", at_site("environment"), 0.02, 1.5, _interval, _external),
         )
