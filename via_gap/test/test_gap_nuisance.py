@@ -59,8 +59,24 @@ def test_numbers_that_are_zero_are_no_nuisance():
     names = [nuisance.name for nuisance in nuisances(JointPlant.from_device(flexible()))]
     assert names == [
         "link inertia", "link viscous friction", "motor 1 inertia", "motor 1 viscous friction", "spring 1 torque",
-        "gravity torque",
+        "spring 1 shape", "gravity torque",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["qbmove_a", "flexible"])
+def test_a_spring_may_stiffen_otherwise_than_filed_within_the_tolerance_of_its_torque(name):
+    device = flexible() if name == "flexible" else load_device(name)
+    each = nuisances(JointPlant.from_device(device))
+    offsets = np.array([float(n.name == "spring 1 shape") for n in each])
+    filed, other = device.spring_laws[0], repaired_device(device, each, offsets).spring_laws[0]
+    stop, tolerance = device.springs[0].max_deflection, device.tolerances.spring
+    moved = np.array([other.torque(at * stop) / filed.torque(at * stop) - 1.0 for at in (0.1, 0.5, 1.0)])
+    assert np.all(np.diff(moved) > 0.0) and 0.5 * tolerance < moved[-1] < 1.1 * tolerance
+
+
+def test_a_spring_of_one_coefficient_has_no_shape_of_its_own():
+    names = [n.name for n in nuisances(JointPlant.from_device(load_device("cubic_aa_vsa")))]
+    assert "spring 1 torque" in names and "spring 1 shape" not in names
 
 
 def test_a_slope_is_taken_on_the_side_where_the_effect_has_a_meaning():
