@@ -72,8 +72,7 @@ def numbers_of(row: Array) -> tuple[DeviceNumber, ...]:
             add(f"{name} bandwidth", "rad/s", row[P.bandwidth + axis - 1], P.bandwidth + axis - 1)
     for i in range(int(row[P.transmissions])):
         start = P.spring + i * N_COEFFICIENTS
-        scaled = {ODD_POLYNOMIAL: N_COEFFICIENTS, EXPONENTIAL: 2}.get(int(row[P.spring_kind + i]), 1)
-        add(f"spring {i + 1} torque", "-", 1.0, *(start + k for k in range(scaled)))
+        add(f"spring {i + 1} torque", "-", 1.0, *_proportional(row, i))
         shape = f"spring {i + 1} shape"  # the stiffening beside the torque
         higher = np.flatnonzero(row[start + 1 : start + N_COEFFICIENTS])
         if row[P.spring_kind + i] == ODD_POLYNOMIAL and row[start] != 0.0 and higher.size:
@@ -92,6 +91,21 @@ def numbers_of(row: Array) -> tuple[DeviceNumber, ...]:
         if isfinite(row[P.drive_torque_limit]):
             add("servo torque limit", "N m", row[P.drive_torque_limit], P.drive_torque_limit)
     return tuple(found)
+
+
+def _proportional(row: Array, i: int) -> range:
+    """Slots to which the torque of the spring at transmission `i`, from 0, is proportional."""
+    start = P.spring + i * N_COEFFICIENTS
+    return range(start, start + {ODD_POLYNOMIAL: N_COEFFICIENTS, EXPONENTIAL: 2}.get(int(row[P.spring_kind + i]), 1))
+
+
+def with_spring_scales(row: Array) -> Array:
+    """A row with the same equations in which the scale of each spring is multiplied into its coefficients."""
+    made = row.copy()
+    for i in range(int(row[P.transmissions])):
+        made[list(_proportional(row, i))] *= row[P.spring_scale + i]
+        made[P.spring_scale + i] = 1.0
+    return made
 
 
 def write_numbers(row: Array, factors: Mapping[str, float]) -> None:
