@@ -8,10 +8,12 @@ from gap_logs import flexible, log_of, rigid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
-from via_core.devices import device_names, load_device
+from via_core.devices import Device, device_names, load_device
+from via_gap.candidates.fit import fit_device_parameters
 from via_gap.residual.nuisance import apply_all, descend, nuisances, repaired_device
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
+from via_gap.selection.numbers import NUMBERS
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 
@@ -77,6 +79,24 @@ def test_a_spring_may_stiffen_otherwise_than_filed_within_the_tolerance_of_its_t
 def test_a_spring_of_one_coefficient_has_no_shape_of_its_own():
     names = [n.name for n in nuisances(JointPlant.from_device(load_device("cubic_aa_vsa")))]
     assert "spring 1 torque" in names and "spring 1 shape" not in names
+
+
+@pytest.mark.parametrize("law", ["odd_polynomial", "sinh"])
+def test_a_spring_that_stiffens_otherwise_than_filed_within_its_tolerance_leaves_noise(law):
+    """Coefficients off in opposite directions, or an exponent off: factors on the torque alone leave ten times it."""
+    filed, other = {
+        "odd_polynomial": ({"odd_coefficients": (1.0, 60.0)}, {"odd_coefficients": (1.02, 58.8)}),
+        "sinh": ({"k": 0.4, "a": 6.0}, {"k": 0.4, "a": 6.06}),
+    }[law]
+    device = flexible().model_dump(mode="python")
+    spring = {"law": law, "max_deflection": 0.7}
+    device, true = (Device.model_validate(device | {"springs": [spring | numbers]}) for numbers in (filed, other))
+    log = log_of(true, (), seed=2, duration=6.0, tolerance=0.0)
+    segments = cut_log(replace(log, device=device))
+    model = ResidualModel.of([segments], [np.arange(1, len(segments))])
+    every = fit_device_parameters(model)
+    torque = fit_device_parameters(replace(model, nuisances=tuple(n for n in model.nuisances if "shape" not in n.name)))
+    assert model.per_segment(every.residual).mean() < NUMBERS.no_gap < model.per_segment(torque.residual).mean()
 
 
 def test_a_slope_is_taken_on_the_side_where_the_effect_has_a_meaning():
