@@ -68,7 +68,9 @@ def test_an_effect_that_takes_up_an_offset_leaves_the_equations_as_they_were(nam
     values = list(starts(axes.locations[0], SCALES, problem.device)[0].directions[0].values())
     at = axes.coordinates(offsets, values)
     assert np.array_equal(at[: axes.count], np.where(axes.held, 0.0, offsets)) and axes.held.sum() == 1
-    before = problem.row([axes.locations[0].effect(dict(zip((p.name for p in axes.locations[0].parameters), values)))], offsets)
+    before = problem.row(
+        [axes.locations[0].effect(dict(zip((p.name for p in axes.locations[0].parameters), values)))], offsets
+    )
     after = problem.row(axes.effects(at), at[: axes.count])
     assert with_spring_scales(after) == pytest.approx(with_spring_scales(before), rel=1e-9)
 
@@ -76,15 +78,15 @@ def test_an_effect_that_takes_up_an_offset_leaves_the_equations_as_they_were(nam
 def test_a_spring_law_beside_a_wrong_spring_is_known_to_the_tolerance_of_the_spring():
     """The fit begins at the end of the tolerance, where the device parameters alone end."""
     device = flexible()
-    law = Effect("spring_law", "transmission", {"scale": 1.3, "hardening": 2.0}, 1)
-    segments = cut_log(log_of(device, (law,), seed=7, duration=6.0, tolerance=0.0))
+    planted = Effect("spring_law", "transmission", {"scale": 1.3, "hardening": 2.0}, 1)
+    segments = cut_log(log_of(device, (planted,), seed=7, duration=6.0, tolerance=0.0))
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     of_spring = [n.name == "spring 1 torque" for n in problem.nuisances]
     offsets = np.where(of_spring, BOUND, 0.0)
     residual = problem.residual([problem.row((), offsets)])[0]
     base = Fit((), offsets, float(residual @ residual), residual, np.empty((0, 0)))
     scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(residual))
-    fit = refine(problem, base, [(Location.of(law), (1.1, 0.5))], scales)
+    fit = refine(problem, base, [(Location.of(planted), (1.1, 0.5))], scales)
     assert fit is not None and fit.offsets[of_spring] == [0.0]
     scale, sd = fit.values[0], fit.sd[0]
     assert scale == pytest.approx(1.3, rel=0.01)

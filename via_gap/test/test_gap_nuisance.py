@@ -81,15 +81,15 @@ def test_a_spring_of_one_coefficient_has_no_shape_of_its_own():
     assert "spring 1 torque" in names and "spring 1 shape" not in names
 
 
-@pytest.mark.parametrize("law", ["odd_polynomial", "sinh"])
-def test_a_spring_that_stiffens_otherwise_than_filed_within_its_tolerance_leaves_noise(law):
+@pytest.mark.parametrize("kind", ["odd_polynomial", "sinh"])
+def test_a_spring_that_stiffens_otherwise_than_filed_within_its_tolerance_leaves_noise(kind):
     """Coefficients off in opposite directions, or an exponent off: factors on the torque alone leave ten times it."""
     filed, other = {
         "odd_polynomial": ({"odd_coefficients": (1.0, 60.0)}, {"odd_coefficients": (1.02, 58.8)}),
         "sinh": ({"k": 0.4, "a": 6.0}, {"k": 0.4, "a": 6.06}),
-    }[law]
+    }[kind]
     device = flexible().model_dump(mode="python")
-    spring = {"law": law, "max_deflection": 0.7}
+    spring = {"law": kind, "max_deflection": 0.7}
     device, true = (Device.model_validate(device | {"springs": [spring | numbers]}) for numbers in (filed, other))
     log = log_of(true, (), seed=2, duration=6.0, tolerance=0.0)
     segments = cut_log(replace(log, device=device))

@@ -172,8 +172,9 @@ class Axes:
         times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
         orders = [p.name.partition("_")[0] == "order" for _, p in parameters]
         fixed = np.array([is_order and float(v).is_integer() for is_order, v in zip(orders, starts)], dtype=np.bool_)
-        free = Axes(problem, tuple(locations), size, low, high, times, fixed, np.zeros(len(problem.nuisances), np.bool_))
-        first = free.coordinates(np.zeros(free.count), starts)
+        none = np.zeros(len(problem.nuisances), dtype=np.bool_)
+        free = Axes(problem, tuple(locations), size, low, high, times, fixed, none)
+        first = free.coordinates(np.zeros(len(none)), starts)
         return replace(free, held=np.any(free.contained(first) != 0.0, axis=1))
 
     @property
@@ -194,7 +195,8 @@ class Axes:
 
     def contained(self, at: Array) -> Array:
         """(J, p) changes of the effects' parameters that equal one standard deviation of each contained nuisance."""
-        two_sided = np.array([p.low < p.neutral < p.high for place in self.locations for p in place.parameters], np.bool_)
+        parameters = [p for location in self.locations for p in location.parameters]
+        two_sided = np.array([p.low < p.neutral < p.high for p in parameters], dtype=np.bool_)
         return contained(self._row, np.append(np.zeros(self.count), at[self.count :]), two_sided)
 
     @property
