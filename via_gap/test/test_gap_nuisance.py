@@ -8,10 +8,12 @@ from gap_logs import flexible, log_of, rigid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
-from via_core.devices import device_names, load_device
+from via_core.devices import Device, device_names, load_device
+from via_gap.candidates.fit import fit_device_parameters
 from via_gap.residual.nuisance import apply_all, descend, nuisances, repaired_device
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
+from via_gap.selection.numbers import NUMBERS
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 
@@ -59,8 +61,42 @@ def test_numbers_that_are_zero_are_no_nuisance():
     names = [nuisance.name for nuisance in nuisances(JointPlant.from_device(flexible()))]
     assert names == [
         "link inertia", "link viscous friction", "motor 1 inertia", "motor 1 viscous friction", "spring 1 torque",
-        "gravity torque",
+        "spring 1 shape", "gravity torque",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["qbmove_a", "flexible"])
+def test_a_spring_may_stiffen_otherwise_than_filed_within_the_tolerance_of_its_torque(name):
+    device = flexible() if name == "flexible" else load_device(name)
+    each = nuisances(JointPlant.from_device(device))
+    offsets = np.array([float(n.name == "spring 1 shape") for n in each])
+    filed, other = device.spring_laws[0], repaired_device(device, each, offsets).spring_laws[0]
+    stop, tolerance = device.springs[0].max_deflection, device.tolerances.spring
+    moved = np.array([other.torque(at * stop) / filed.torque(at * stop) - 1.0 for at in (0.1, 0.5, 1.0)])
+    assert np.all(np.diff(moved) > 0.0) and 0.5 * tolerance < moved[-1] < 1.1 * tolerance
+
+
+def test_a_spring_of_one_coefficient_has_no_shape_of_its_own():
+    names = [n.name for n in nuisances(JointPlant.from_device(load_device("cubic_aa_vsa")))]
+    assert "spring 1 torque" in names and "spring 1 shape" not in names
+
+
+@pytest.mark.parametrize("kind", ["odd_polynomial", "sinh"])
+def test_a_spring_that_stiffens_otherwise_than_filed_within_its_tolerance_leaves_noise(kind):
+    """Coefficients off in opposite directions, or an exponent off: factors on the torque alone leave ten times it."""
+    filed, other = {
+        "odd_polynomial": ({"odd_coefficients": (1.0, 60.0)}, {"odd_coefficients": (1.02, 58.8)}),
+        "sinh": ({"k": 0.4, "a": 6.0}, {"k": 0.4, "a": 6.06}),
+    }[kind]
+    device = flexible().model_dump(mode="python")
+    spring = {"law": kind, "max_deflection": 0.7}
+    device, true = (Device.model_validate(device | {"springs": [spring | numbers]}) for numbers in (filed, other))
+    log = log_of(true, (), seed=2, duration=6.0, tolerance=0.0)
+    segments = cut_log(replace(log, device=device))
+    model = ResidualModel.of([segments], [np.arange(1, len(segments))])
+    every = fit_device_parameters(model)
+    torque = fit_device_parameters(replace(model, nuisances=tuple(n for n in model.nuisances if "shape" not in n.name)))
+    assert model.per_segment(every.residual).mean() < NUMBERS.no_gap < model.per_segment(torque.residual).mean()
 
 
 def test_a_slope_is_taken_on_the_side_where_the_effect_has_a_meaning():

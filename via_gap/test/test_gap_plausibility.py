@@ -37,6 +37,15 @@ def test_a_size_is_named_from_two_standard_deviations_on(offsets, plausible):
     assert said == ("" if plausible else "coulomb_friction at motor 1: its size is consistent with zero")
 
 
+@pytest.mark.parametrize(("tolerances", "plausible"), [(1.2, False), (1.25, False), (1.4, True), (1.8, True)])
+def test_a_size_is_named_if_no_device_parameter_within_its_bound_explains_it(tolerances, plausible):
+    """Without the effect the parameter ends at 1.3 tolerances, not at the 1.96 standard deviations of a test."""
+    size, noise = 0.01, 1e-4
+    found = fit(Location("link_inertia", "link", 0), np.hypot(size, noise), size * tolerances)
+    found = replace(found, tolerances=np.array([[size]]))
+    assert (doubt(found, scales()) == "") == plausible
+
+
 def test_a_payload_counts_by_its_product():
     """Mass and distance trade along m l = const: each is known to 90 %, their product to 1 %."""
     mass, distance, along, across = 0.5, 0.2, 0.9, 0.01

@@ -6,7 +6,7 @@ Steps stay inside the bounds. A line search on the simulation accepts only point
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from via_core.errors import ParameterError
@@ -14,6 +14,7 @@ from via_core.signals import Array, Mask
 from via_sim.effects import Effect
 
 from via_gap.candidates.bounds import bounds_of
+from via_gap.candidates.containment import contained
 from via_gap.candidates.covariance import covariance_of, in_units
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
@@ -62,6 +63,8 @@ class Fit:
     loss        loss of the residual plus squared offsets
     residual    (R,) whitened
     covariance  (p, p) of the effects' parameters in their order, in their units
+    tolerances  (t, p) changes of them by one standard deviation of each device parameter that they contain, which are
+                part of the covariance
     """
 
     effects: tuple[Effect, ...]
@@ -69,6 +72,7 @@ class Fit:
     loss: float
     residual: Array
     covariance: Array
+    tolerances: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def sd(self) -> Array:
@@ -147,6 +151,7 @@ class Axes:
     low    (p,) ends of their ranges over `size`; high likewise
     times  (p,) whether a parameter is a time of the run, for which the gradient is useless
     fixed  (p,) whether a parameter keeps its initial value: an order of whole periods per turn
+    held   (J,) whether the effects contain a nuisance, which then stays at 0
     """
 
     problem: ResidualModel
@@ -156,6 +161,7 @@ class Axes:
     high: Array
     times: Mask
     fixed: Mask
+    held: Mask
 
     @staticmethod
     def of(problem: ResidualModel, members: Sequence[tuple[Location, Sequence[float]]], scales: Scales) -> Axes:
@@ -166,7 +172,10 @@ class Axes:
         times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
         orders = [p.name.partition("_")[0] == "order" for _, p in parameters]
         fixed = np.array([is_order and float(v).is_integer() for is_order, v in zip(orders, starts)], dtype=np.bool_)
-        return Axes(problem, tuple(locations), size, low, high, times, fixed)
+        none = np.zeros(len(problem.nuisances), dtype=np.bool_)
+        free = Axes(problem, tuple(locations), size, low, high, times, fixed, none)
+        first = free.coordinates(np.zeros(len(none)), starts)
+        return replace(free, held=np.any(free.contained(first) != 0.0, axis=1))
 
     @property
     def count(self) -> int:
@@ -174,14 +183,30 @@ class Axes:
         return len(self.problem.nuisances)
 
     def coordinates(self, offsets: Array, values: Sequence[float]) -> Array:
-        """(J + p,) from offsets and parameter values in their units, which are moved into their ranges."""
-        return np.append(offsets, np.clip(np.asarray(values, dtype=np.float64) / self.size, self.low, self.high))
+        """(J + p,) from offsets and parameter values in their units, which are moved into their ranges.
+
+        The effects take up the offsets of the nuisances that they contain, so that the equations stay the same.
+        """
+        at = np.append(offsets, np.asarray(values, dtype=np.float64) / self.size)
+        if np.any(at[: self.count][self.held]):
+            at[self.count :] += np.where(self.held, offsets, 0.0) @ self.contained(at)
+            at[: self.count][self.held] = 0.0
+        return np.clip(at, *self.box)
+
+    def contained(self, at: Array) -> Array:
+        """(J, p) changes of the effects' parameters that equal one standard deviation of each contained nuisance."""
+        parameters = [p for location in self.locations for p in location.parameters]
+        two_sided = np.array([p.low < p.neutral < p.high for p in parameters], dtype=np.bool_)
+        return contained(self._row, np.append(np.zeros(self.count), at[self.count :]), two_sided)
 
     @property
     def box(self) -> tuple[Array, Array]:
         """(J + p,) lowest and highest coordinates."""
         bound = np.full(self.count, BOUND)
         return np.append(-bound, self.low), np.append(bound, self.high)
+
+    def _row(self, at: Array) -> Array | None:
+        return self.problem.row_or_none(self._effects(at), at[: self.count])
 
     def _effects(self, at: Array) -> list[Effect | None]:
         values = iter(at[self.count :] * self.size)
@@ -193,13 +218,12 @@ class Axes:
 
     def losses(self, tries: Sequence[Array]) -> tuple[Array, Array]:
         """(K,) losses and (K, R) residuals at K coordinates; infinite where an effect is invalid."""
-        count = self.count
-        rows = [self.problem.row_or_none(self._effects(at), at[:count]) for at in tries]
+        rows = [self._row(at) for at in tries]
         residuals = np.full((len(tries), self.problem.size), np.inf)
         there = [row for row in rows if row is not None]
         if there:
             residuals[[row is not None for row in rows]] = self.problem.residual(there)
-        found = self.problem.loss(residuals) + np.sum(np.array(tries)[:, :count] ** 2, axis=1)
+        found = self.problem.loss(residuals) + np.sum(np.array(tries)[:, : self.count] ** 2, axis=1)
         return np.where(np.isfinite(residuals[:, 0]), found, np.inf), residuals
 
     def best(self, tries: Sequence[Array]) -> Point:
@@ -231,7 +255,7 @@ class Axes:
         around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
         ahead, behind = (self.losses([*(at + np.diag(each - at))])[1] for each in around)
         slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
-        known = np.isfinite(slopes[0]) & np.append(np.full(self.count, True), ~(self.times | self.fixed))
+        known = np.isfinite(slopes[0]) & np.append(~self.held, ~(self.times | self.fixed))
         slopes[:, ~known] = 0.0
         return np.asarray(slopes)
 
@@ -246,14 +270,22 @@ class Axes:
     def fit(self, here: Point, covariance: Array, sd: Array) -> Fit:
         """The fit at these coordinates; covariance (p, p) and standard deviations sd (p,) over the typical sizes.
 
-        Standard deviations of delays also include what is not known of the commands between samples.
+        Standard deviations of delays also include what is not known of the commands between samples, and those of all
+        effects the tolerances of the nuisances that they contain.
         """
         covariance = in_units(covariance, sd, self.size) + np.diag(delay_sd(self.problem, self.locations) ** 2)
-        return Fit(self.effects(here.at), here.at[: self.count].copy(), here.loss, here.residual, covariance)
+        tolerances = self.contained(here.at)[self.held] * self.size
+        covariance += tolerances.T @ tolerances
+        offsets = here.at[: self.count].copy()
+        return Fit(self.effects(here.at), offsets, here.loss, here.residual, covariance, tolerances)
 
     def nuisance_jacobian(self, here: Point) -> Array:
-        """(R, J)."""
-        return self.problem.nuisance_jacobian(self.effects(here.at), here.at[: self.count], here.residual)
+        """(R, J); 0 for those that the effects contain."""
+        return self.free(self.problem.nuisance_jacobian(self.effects(here.at), here.at[: self.count], here.residual))
+
+    def free(self, jacobian: Array) -> Array:
+        """The derivatives (R, J) by the nuisances without those that the effects contain."""
+        return np.where(self.held, 0.0, jacobian)
 
     def slopes(self, here: Point) -> Array:
         """(R, p) derivatives of the residual by every effect parameter; not finite where a step is invalid."""
@@ -317,7 +349,7 @@ def refine(
     if not np.isfinite(here.loss):
         return None
     fresh, damping = jacobian is None, 0.0
-    side = axes.nuisance_jacobian(here) if jacobian is None else jacobian
+    side = axes.nuisance_jacobian(here) if jacobian is None else axes.free(jacobian)
     normal, since = np.eye(axes.count + many), here.loss if fresh else base.loss
     slopes, sloped = np.empty((problem.size, many)), np.inf
     apart = np.zeros(many, dtype=bool)

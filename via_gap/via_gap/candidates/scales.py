@@ -33,7 +33,8 @@ class Scales:
     angle       [rad] standard deviation of the link angle
     range       (4,) [rad] its 2, 10, 90 and 98 percent quantiles
     travel      (3,) [rad] between the smallest and the largest angle of each axis; of unseen motors that of the link
-    deflection  [rad] typical
+    deflection  [rad] standard deviation of the deflection
+    stretch     [rad] its root mean square, which is larger under pretension
     duration    [s]
     busy        intervals [s] that contain most of the residual
     orders      per axis: the strongest orders [periods per turn] of its missing torque
@@ -48,6 +49,7 @@ class Scales:
     range: Array
     travel: Array
     deflection: float
+    stretch: float
     duration: float
     busy: tuple[tuple[float, float], ...]
     orders: tuple[tuple[float, ...], ...]
@@ -72,12 +74,13 @@ def scales_of(
     torque[0] = (
         link.inertia * acceleration + link.viscous_friction * speed[0] + abs(link.gravity_torque) * min(angle, 1)
     )
-    deflection = 0.1
+    deflection = stretch = 0.1
     if motors:
         if device.drive == "torque":
             torque[1 : 1 + motors] = np.std(commands[:, :motors], axis=0)
         theta = np.where(np.isfinite(start[:, 1]), start[:, 1], commands[:, 0] if device.drive == "servo" else q)
         deflection = max(float(np.std(q - theta)), 0.02 * angle)
+        stretch = max(float(np.sqrt(np.mean((q - theta) ** 2))), deflection)
     else:
         pull, drive = _drive_torque(device, commands, start)
         speed[1], torque[1], peak[0] = speed[0], np.std(drive), np.max(np.abs(pull))
@@ -94,7 +97,7 @@ def scales_of(
         orders[1] = orders[0]
     return Scales(
         torque, _largest(missing), speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
-        np.quantile(q, [0.02, 0.1, 0.9, 0.98]), travel, max(deflection, 1e-3),
+        np.quantile(q, [0.02, 0.1, 0.9, 0.98]), travel, max(deflection, 1e-3), max(stretch, 1e-3),
         max(each.log.duration for each in segments), _busiest(time, excess), tuple(orders),
     )  # fmt: skip
 

@@ -30,7 +30,7 @@ def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, .
     torque, speed = _typical(scales, location, location.axis)
     here = Typical(
         device, torque, speed, float(scales.peak[max(location.axis, 1) - 1]), scales.slew, scales.angle, scales.range,
-        scales.deflection, scales.duration, scales.busy, scales.orders[location.axis],
+        scales.deflection, scales.stretch, scales.duration, scales.busy, scales.orders[location.axis],
     )  # fmt: skip
     if location.kind.starts is not None:
         made = location.kind.starts.made(here)
@@ -98,7 +98,7 @@ def size_of(parameter: EffectParameter, location: Location, scales: Scales) -> f
         "N m s/rad": torque / speed,
         "N m s^2/rad^2": torque / speed**2,
         "N m/rad": torque / scales.deflection,
-        "1/rad^2": 1.0 / scales.deflection**2,
+        "1/rad^2": 1.0 / scales.stretch**2,
         "1/s": 1.0 / scales.duration,
         "kg m^2": 0.0,
         "1/rev": 1.0,

@@ -20,6 +20,7 @@ from via_sim.effects.device_numbers import DeviceNumber, numbers_of
 from via_sim.plants import JointPlant
 
 _SPRINGS = {"linear": ("stiffness",), "cubic": ("coefficient",), "odd_polynomial": ("odd_coefficients",)}
+_SHAPES = {"odd_polynomial": ("odd_coefficients",), "sinh": ("a",)}
 BOUND = 1.3  # [standard deviations of the tolerance] largest offset
 
 
@@ -36,10 +37,13 @@ class Nuisance(DeviceNumber):
 def nuisances(plant: JointPlant) -> tuple[Nuisance, ...]:
     """The parameters of a nominal plant that are not zero: inertias, frictions, springs, gravity, servos, damper.
 
-    The scale of torques is one if the device file states its tolerance.
+    The scale of torques is one if the device file states its tolerance. A spring whose torque at a deflection is known
+    to 5 % may stiffen otherwise than filed by as much: its shape is one beside its torque.
     """
     known = plant.device.tolerances
-    found = ((each, _tolerance(known, each.name)) for each in numbers_of(plant.parameters) if each.value != 0.0)
+    found = (
+        (each, _tolerance(known, each.name) / each.lever) for each in numbers_of(plant.parameters) if each.value != 0.0
+    )
     return tuple(Nuisance(**vars(each), tolerance=tolerance) for each, tolerance in found if tolerance > 0.0)
 
 
@@ -68,9 +72,11 @@ def repaired_device(device: Device, each: tuple[Nuisance, ...], offsets: Array) 
     for nuisance, offset in zip(each, offsets, strict=True):
         part, keys = _entries(content, nuisance.name)
         factor = 1.0 + nuisance.tolerance * float(offset)
+        first = 1 if nuisance.name.endswith("shape") else 0  # of the coefficients of a polynomial
         for key in keys:
             value = part[key]
-            part[key] = tuple(v * factor for v in value) if isinstance(value, tuple) else value * factor
+            several = isinstance(value, tuple)
+            part[key] = (*value[:first], *(v * factor for v in value[first:])) if several else value * factor
     return Device.model_validate(content)
 
 
@@ -82,7 +88,7 @@ def _entries(content: dict[str, Any], name: str) -> tuple[dict[str, Any], Sequen
         return content["damper"], [key for key in ("minimum", "maximum", "stage") if key in content["damper"]]
     if part == "spring":
         spring = content["springs"][int(number) - 1]
-        return spring, _SPRINGS.get(spring["law"], ("k",))
+        return spring, (_SHAPES if of_motor == "shape" else _SPRINGS).get(spring["law"], ("k",))
     if part == "gravity":
         return content["link"], ("gravity_torque",)
     if part == "torque":

@@ -11,6 +11,7 @@ from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of, size_parameters
+from via_gap.residual.nuisance import BOUND, descend
 from via_gap.selection.numbers import NUMBERS
 
 EDGE = 1e-3  # of a parameter's typical size: closer to an end of its range it counts as at the end
@@ -52,10 +53,25 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
             return f"{location}: is absent"
         if significant:
             size, slopes = _size(location, values, neutral, which)
-            information = np.linalg.pinv(slopes @ fit.covariance[own, own] @ slopes.T, hermitian=True)
-            if float(size @ information @ size) < chi2.ppf(1.0 - NUMBERS.significance, len(size)):
+            if _distance(fit, own, size, slopes) < chi2.ppf(1.0 - NUMBERS.significance, len(size)):
                 return f"{location}: its size is consistent with zero"
     return ""
+
+
+def _distance(fit: Fit, own: slice, size: Array, slopes: Array) -> float:
+    """Squared distance of a size (k,) with slopes (k, p) from 0, in standard deviations.
+
+    Without the effect, the device parameters that it contains would be fitted up to the ends of their tolerances.
+    """
+    covariance = fit.covariance[own, own]
+    if fit.tolerances.size:
+        covariance = covariance - fit.tolerances[:, own].T @ fit.tolerances[:, own]
+    information = np.linalg.pinv(slopes @ covariance @ slopes.T, hermitian=True)
+    if fit.tolerances.size:
+        moved, end = slopes @ fit.tolerances[:, own].T, np.full(len(fit.tolerances), BOUND)
+        normal, gradient = moved.T @ information @ moved, moved.T @ information @ size
+        size = size - moved @ descend(normal, gradient, np.zeros(len(end)), -end, end)
+    return float(size @ information @ size)
 
 
 def _orders(location: Location, values: Array) -> list[int]:

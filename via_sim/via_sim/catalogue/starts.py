@@ -42,7 +42,8 @@ class Typical:
     slew           [rad/s] largest speed of a servo or of the link of a position drive
     angle          [rad] standard deviation of the link angle
     range          (4,) [rad] its 2, 10, 90 and 98 percent quantiles
-    deflection     [rad]
+    deflection     [rad] standard deviation of the deflection of a spring
+    stretch        [rad] its root mean square, which is larger under pretension
     duration       [s]
     busy           intervals [s] that contain most of the residual
     orders         strongest orders [periods per turn] of the missing torque of the axis
@@ -56,6 +57,7 @@ class Typical:
     angle: float
     range: Array
     deflection: float
+    stretch: float
     duration: float
     busy: tuple[tuple[float, float], ...]
     orders: tuple[float, ...]

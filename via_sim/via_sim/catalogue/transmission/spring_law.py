@@ -22,5 +22,5 @@ KIND = EffectKind(
         Slot("spring_scale", "-", "torque relative to the spring law", 2, 1.0),
         Slot("spring_hardening", "1/rad^2", "relative increase of torque per squared deflection", 2),
     ),
-    starts=each(scale=lambda _here: 1.1, hardening=lambda here: 0.1 / here.deflection**2),
+    starts=each(scale=lambda _here: 1.1, hardening=lambda here: 0.1 / here.stretch**2),
 )  # fmt: skip

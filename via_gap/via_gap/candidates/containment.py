@@ -1,0 +1,62 @@
+"""Device parameters that the effects of a model contain.
+
+The motion shows the sum of the inertia in the device file and of what `link_inertia` adds to it. While that effect is
+in the model, the device parameter keeps its filed value, and the effect takes up its error. At the least loss its
+offset is zero anyway, because only the offset counts in it; a fit of both would end anywhere between. The tolerance of
+the filed value is added to the covariance of the effect.
+
+An effect contains a device parameter if every small change of the latter is, in the parameter row, a change of the
+effect's own parameters. Parameters whose range ends at the neutral value (a mass, a dry friction) take up no error of
+either sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from via_core.signals import Array, Mask
+from via_sim.effects.device_numbers import with_spring_scales
+
+STEP = 1e-3  # of a coordinate
+ROUNDING = 1e-6  # of a change of the row
+
+
+def contained(row: Callable[[Array], Array | None], at: Array, two_sided: Mask) -> Array:
+    """(J, p) changes of the effects' parameters that equal one standard deviation of each device parameter.
+
+    row        parameter row at coordinates (J + p,) of a fit; None: invalid
+    at         coordinates of effects; those of device parameters are 0
+    two_sided  (p,) whether the range of a parameter extends to both sides of its neutral value
+
+    0 for device parameters that the effects do not contain. All in coordinates of the fit.
+    """
+    count = len(at) - len(two_sided)
+    found = np.zeros((count, len(two_sided)))
+    here = row(at)
+    own = count + np.flatnonzero(two_sided)
+    if here is None or not len(own):
+        return found
+    slopes = np.stack([_slope(row, at, here, i) for i in (*range(count), *own)], axis=1)
+    numbers, effects = slopes[:, :count], slopes[:, count:]
+    sizes = np.linalg.norm(effects, axis=0)
+    effects = effects / np.where(sizes > 0.0, sizes, 1.0)
+    changes = np.linalg.lstsq(effects, numbers, rcond=None)[0]
+    missed = np.linalg.norm(numbers - effects @ changes, axis=0)
+    exact = missed < ROUNDING * np.linalg.norm(numbers, axis=0)
+    found[np.ix_(exact, own - count)] = (changes / np.where(sizes > 0.0, sizes, 1.0)[:, None]).T[exact]
+    return found
+
+
+def _slope(row: Callable[[Array], Array | None], at: Array, here: Array, i: int) -> Array:
+    """(N_PARAMETERS,) derivative of the row by coordinate `i`; 0 if a step is invalid to both sides."""
+    for step in (STEP, -STEP):
+        there = at.copy()
+        there[i] += step
+        moved = row(there)
+        if moved is not None:
+            before, after = with_spring_scales(here), with_spring_scales(moved)
+            change = np.zeros_like(here)
+            np.subtract(after, before, out=change, where=after != before)  # limits are infinite
+            return change / step
+    return np.zeros_like(here)
