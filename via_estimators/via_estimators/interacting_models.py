@@ -48,21 +48,28 @@ from via_estimators.slots import slots
 
 # Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)].
 CHANGES = (
-    (0.0, 0.0),
-    (0.01, 0.0),
-    (0.1, 0.0),
-    (0.0, 0.003),
-    (0.0, 0.03),
-    (0.0, 0.3),
-    (0.0, 1.0),
-    (0.0, 5.0),
-    (0.0, 0.0),
+    (0.0, 0.0, 0),
+    (0.0, 0.0, 1),
+    (0.0, 0.0, 2),
+    (0.01, 0.0, 0),
+    (0.1, 0.0, 0),
+    (0.0, 0.003, 0),
+    (0.0, 0.03, 0),
+    (0.0, 0.3, 0),
+    (0.0, 1.0, 0),
+    (0.0, 5.0, 0),
+    (0.0, 0.0, 0),
 )
+COLOURS = ((0.0, 0.0), (0.5, 0.0), (0.3, 0.3))  # [s]
 JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
 LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
-WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
-TRENDS = tuple(trend for _, trend in CHANGES for _ in LEVELS)
+WALKS = tuple(walk for walk, *_ in CHANGES for _ in LEVELS)
+TRENDS = tuple(trend for _, trend, _ in CHANGES for _ in LEVELS)
+COLOUR = tuple(colour for *_, colour in CHANGES for _ in LEVELS)
+STEADY = 3 * len(LEVELS)
+FIRST = tuple(a for a, _ in COLOURS)
+SECOND = tuple(b for _, b in COLOURS)
 NOISES = tuple(level**2 for _ in CHANGES for level in LEVELS)
 MODELS = len(NOISES)
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
@@ -78,14 +85,13 @@ MODEL = slots("probability", "noise", "weight")  # rows (K,) that follow: noise 
 @njit(cache=True, error_model="numpy")
 def size(n: int) -> int:
     """Floats in the state of one equation: HEAD, MODEL, combined mean and covariance, then x and P of each model."""
-    return HEAD.size + MODEL.size * MODELS + (MODELS + 1) * (n + n * n)
+    return HEAD.size + MODEL.size * MODELS + (MODELS + 1) * (n + n * n) + (1 + len(COLOURS)) * (n + 1)
 
 
 @njit(cache=True, error_model="numpy")
 def _of_prior(j: int, steadiness: float) -> float:
     """rho_j."""
-    levels = len(LEVELS)
-    return steadiness / levels if j < levels else max((1.0 - steadiness) / (MODELS - levels), NEVER)
+    return steadiness / STEADY if j < STEADY else max((1.0 - steadiness) / (MODELS - STEADY), NEVER)
 
 
 @njit(cache=True, error_model="numpy")
@@ -145,7 +151,7 @@ def wander(state: Array, age: float) -> float:
 @njit(cache=True, error_model="numpy")
 def scratch(n: int) -> Array:
     """Work space of `take`, allocated once since allocations are slow."""
-    return np.empty((5, max(n, MODELS)))
+    return np.empty((5 + len(COLOURS), max(n + 4, MODELS)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -259,13 +265,30 @@ def take(
     wobble          [s] variance, over the equation's window, of a random walk of rate 1 about its middle
     work            `scratch`
     """
+    rows = work[5 : 5 + len(COLOURS)]
     gain, before, probable, likely = work[0, :n], work[1, :n], work[2], work[3]
     models, elapsed = models_of(state), max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
     stay = exp(-elapsed / memory)
     _interact(state, n, stay, steadiness, probable, before, work[4, :n])
-    along, highest, total = 0.0, -inf, 0.0
+    highest, total = -inf, 0.0
+    past = state[state.size - (1 + len(COLOURS)) * (n + 1) :].reshape(1 + len(COLOURS), n + 1)
+    for c in range(len(COLOURS)):
+        one = exp(-elapsed / FIRST[c]) if FIRST[c] > 0.0 and elapsed > 0.0 else 0.0
+        two = exp(-elapsed / SECOND[c]) if SECOND[c] > 0.0 and elapsed > 0.0 else 0.0
+        along = 0.0
+        for i in range(n + 1):
+            now = y if i == n else row[i]
+            once = now - one * past[0, i]
+            rows[c, i] = once - two * past[1 + c, i]
+            past[1 + c, i] = once
+            if i < n:
+                along += rows[c, i] * g[i]
+        rows[c, n + 1] = along
+        rows[c, n + 2] = (1.0 - one * one) if two == 0.0 else (1 - one * one) ** 3 / (1 + one * one)
+        rows[c, n + 3] = (1.0 + one * one) if two == 0.0 else 1 + 4 * one * one + one ** 4
     for i in range(n):
-        along += row[i] * g[i]
+        past[0, i] = row[i]
+    past[0, n] = y
     for j in range(MODELS):
         x, P = _block(state, n, j + 1)
         walk, noise = WALKS[j] ** 2, models[MODEL.noise, j]
@@ -273,20 +296,23 @@ def take(
         if j >= JUMPING:
             walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
         _predict(x, P, g, elapsed, added, TRENDS[j] ** 2)
-        innovation, doubt = y, 0.0
+        own = rows[COLOUR[j]]
+        row, along = own[:n], own[n + 1]
+        inside = within * own[n + 2]
+        innovation, doubt = own[n], 0.0
         for i in range(n):
             gain[i] = 0.0
             for k in range(n):
                 gain[i] += P[i, k] * row[k]
             innovation -= row[i] * x[i]
             doubt += row[i] * gain[i]
-        error = noise * within + beside + walk * wobble * along * along
+        error = noise * inside + beside * own[n + 3] + walk * wobble * along * along
         variance = max(doubt, 0.0) + error
         likely[j] = log(probable[j]) - 0.5 * (innovation * innovation / variance + log(variance))
         highest = max(highest, likely[j])
-        share = (noise * within / variance) ** 2
+        share = (noise * inside / variance) ** 2
         models[MODEL.weight, j] = KNOWN + stay * (models[MODEL.weight, j] - KNOWN) + share
-        noise += (innovation * innovation - variance) / within * share / models[MODEL.weight, j]
+        noise += (innovation * innovation - variance) / inside * share / models[MODEL.weight, j]
         low = NOISES[j] / HALF_STEP if NOISES[j] > NOISES[0] else LEAST_NOISE
         models[MODEL.noise, j] = min(max(noise, low), NOISES[j] * HALF_STEP if NOISES[j] < NOISES[-1] else inf)
         _correct(x, P, row, innovation, variance, error, gain)
@@ -296,5 +322,14 @@ def take(
     models[MODEL.probability] /= total
     state[HEAD.taken] += 1.0
     state[HEAD.time] = time
-    state[HEAD.changing] = models[MODEL.probability, len(LEVELS) :].sum()
+    state[HEAD.changing] = models[MODEL.probability, STEADY:].sum()
     _combine(state, n)
+
+
+@njit(cache=True, error_model="numpy")
+def repeated(state: Array, dimension: float) -> float:
+    """Structured."""
+    models, total = models_of(state), 0.0
+    for j in range(len(LEVELS), STEADY):
+        total += models[MODEL.probability, j] * max(models[MODEL.weight, j] / dimension - 1.0, 0.0)
+    return total

@@ -73,7 +73,7 @@ ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
 RELAXATION = 0.01  # [s] standard deviation of damping over stiffness of a spring: rubber has some milliseconds
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative.
-KEPT = slots("moved", "moving", after=VISITED)
+KEPT = slots("moved", "moving", "repeated", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
 
 
@@ -288,6 +288,7 @@ def _learn(
     reported[:], uncertain[:, :] = x, covariance
     for j in (U.long, U.short, U.loss):
         nested.allow(reported, uncertain, j, -mean[j] / width[j])
+    kept[KEPT.repeated] = interacting_models.repeated(equation, float(n))
     quarter = length // (2 * ROWS_PER_WINDOW)
     for k in range(quarter, length - quarter):
         transmissions.visit(kept, own[PHI, k] if par[P.even_terms] > 0.0 else abs(own[PHI, k]))
@@ -312,7 +313,7 @@ def _report(
         slope[n - 1] = age * stiffness
         stiffness += slope[n - 1] * x[n - 1]
     uncertain = (
-        interacting_models.quadratic(covariance, slope)
+        (1.0 + kept[KEPT.repeated]) * interacting_models.quadratic(covariance, slope)
         + factor * stiffness**2
         + torque_equation.truncation(par, mean, width, kept, x, covariance)
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
@@ -321,7 +322,7 @@ def _report(
     transmissions.update(value, sd, 1 + i, stiffness, sqrt(uncertain), learning)
     for at, j in ((1 + m + i, U.inertia), (1 + 2 * m + i, U.damping)):
         found = mean[j] + width[j] * x[j]
-        doubt = width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
+        doubt = (1.0 + kept[KEPT.repeated]) * width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
         transmissions.update(value, sd, at, found, sqrt(doubt), learning)
     # A change or a wrong torque constant may have the same cause in all transmissions.
     change, of_scale = equation[interacting_models.HEAD.changing], par[P.torque_scale_deviation] * stiffness
