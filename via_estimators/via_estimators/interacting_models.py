@@ -50,7 +50,6 @@ from via_estimators.slots import slots
 CHANGES = (
     (0.0, 0.0, 0),
     (0.0, 0.0, 1),
-    (0.0, 0.0, 2),
     (0.01, 0.0, 0),
     (0.1, 0.0, 0),
     (0.0, 0.003, 0),
@@ -60,14 +59,14 @@ CHANGES = (
     (0.0, 5.0, 0),
     (0.0, 0.0, 0),
 )
-COLOURS = ((0.0, 0.0), (0.5, 0.0), (0.3, 0.3))  # [s]
+COLOURS = ((0.0, 0.0), (0.5, 0.0))  # [s]
 JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
 LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
 WALKS = tuple(walk for walk, *_ in CHANGES for _ in LEVELS)
 TRENDS = tuple(trend for _, trend, _ in CHANGES for _ in LEVELS)
 COLOUR = tuple(colour for *_, colour in CHANGES for _ in LEVELS)
-STEADY = 3 * len(LEVELS)
+STEADY = 2 * len(LEVELS)
 FIRST = tuple(a for a, _ in COLOURS)
 SECOND = tuple(b for _, b in COLOURS)
 NOISES = tuple(level**2 for _ in CHANGES for level in LEVELS)
