@@ -90,7 +90,8 @@ def size(n: int) -> int:
 @njit(cache=True, error_model="numpy")
 def _of_prior(j: int, steadiness: float) -> float:
     """rho_j."""
-    return steadiness / STEADY if j < STEADY else max((1.0 - steadiness) / (MODELS - STEADY), NEVER)
+    levels = len(LEVELS)
+    return steadiness / levels if j < levels else max((1.0 - steadiness) / (MODELS - levels), NEVER)
 
 
 @njit(cache=True, error_model="numpy")
