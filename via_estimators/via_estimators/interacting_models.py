@@ -159,7 +159,7 @@ def repeated(state: Array, dimension: float) -> float:
     """Structured."""
     models, total = models_of(state), 0.0
     for j in range(len(LEVELS), STEADY):
-        total += models[MODEL.probability, j] * max(models[MODEL.weight, j] / dimension - 1.0, 0.0)
+        total += models[MODEL.probability, j] * models[MODEL.weight, j] / dimension
     return total
 
 
@@ -170,7 +170,6 @@ def _interact(
     """Step 1; c_j into `probable` (K,); `before` and `there` (n,) are overwritten."""
     probability = models_of(state)[MODEL.probability]
     mean, covariance = estimate_of(state, n)
-    wide = 1.0 + repeated(state, float(n))
     for j in range(MODELS):  # the jumps last, since all read them
         x, P = _block(state, n, j + 1)
         jump = JUMPING + j % len(LEVELS)
@@ -189,7 +188,7 @@ def _interact(
                 P[i, k] = (
                     own * (P[i, k] + (before[i] - x[i]) * (before[k] - x[k]))
                     + after * (cover[i, k] + (there[i] - x[i]) * (there[k] - x[k]))
-                    + rest * (wide * covariance[i, k] + (mean[i] - x[i]) * (mean[k] - x[k]))
+                    + rest * (covariance[i, k] + (mean[i] - x[i]) * (mean[k] - x[k]))
                 )
         if TRENDS[j] == 0.0:  # what this model does not assume
             x[n - 1] = 0.0
