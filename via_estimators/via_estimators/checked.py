@@ -360,8 +360,8 @@ def _doubt(row: Array, motors: Array, owners: Array) -> None:
     k, total = owners.size, 0.0
     for i in range(motors.shape[0]):
         at, inertia, tolerance = int(motors[i, 0]), motors[i, 1], motors[i, 2]
-        off, sd = row[2 + at] / inertia - 1.0, row[2 + k + at] / inertia
-        excess = off * off - sd * sd - tolerance
+        scale, sd = row[2 + at] / inertia, row[2 + k + at] / inertia
+        excess = ((scale - 1.0) ** 2 - sd * sd - tolerance) / (scale * scale)
         if excess > 0.0:
             for j in range(k):
                 if owners[j] == i:
