@@ -6,7 +6,8 @@ coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 The first n - 1 unknowns x change along one direction g, which the caller renews. If g is the present
 spring law, its scale s changes. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
 a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
-with time constant PERSISTENCE, or a jump of s since the last equation. Equations arrive one at a time,
+with time constant PERSISTENCE, or a jump of s since the last equation; or no change and coloured noise. Equations
+arrive one at a time,
 
     y = row' x + e,    variance of e = noise_j within + beside + walk_j^2 wobble (row' g)^2
 
@@ -32,6 +33,16 @@ a spring that changes: both explain large innovations v, and only their course s
 model finds its noise as the mean of noise + (v^2 - S) / within, weighted by (noise within / S)^2, the inverse of that
 number's variance.
 
+Coloured noise is a stationary process of correlation time CORRELATION (Gauss-Markov). Its model therefore takes each
+equation less r = exp(-dt / CORRELATION) times the one before, whose noise is white with the variance 1 - r^2 of the
+level (Cochrane and Orcutt, Journal of the American Statistical Association 44, 1949); known noise adds, 1 + r^2. Noise
+has a colour if an effect is missing in the equation. Without this model a changing spring would explain it.
+
+Such an effect depends on the state of the joint and returns with its motion, so it does not average out. A disturbance
+of a given mean square that lies in m directions instead of N has N / m of the squared projection on each of them. With
+m = n - 1 unknowns, which are what N equations can distinguish, its part of the variance is N / (n - 1) times that of
+independent noise (`returning`).
+
 One equation's state is a flat row; `size` and the slots below define its layout. Unknowns are scaled so that the prior
 is x = 0, P = 1, but for the trend, which is 0 before any data.
 """
@@ -46,52 +57,50 @@ from via_core.signals import Array
 
 from via_estimators.slots import slots
 
-# Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)].
+# Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)]; first without change, in white and coloured noise.
 CHANGES = (
-    (0.0, 0.0, 0),
-    (0.0, 0.0, 1),
-    (0.01, 0.0, 0),
-    (0.1, 0.0, 0),
-    (0.0, 0.003, 0),
-    (0.0, 0.03, 0),
-    (0.0, 0.3, 0),
-    (0.0, 1.0, 0),
-    (0.0, 5.0, 0),
-    (0.0, 0.0, 0),
+    (0.0, 0.0),
+    (0.0, 0.0),
+    (0.01, 0.0),
+    (0.1, 0.0),
+    (0.0, 0.003),
+    (0.0, 0.03),
+    (0.0, 0.3),
+    (0.0, 1.0),
+    (0.0, 5.0),
+    (0.0, 0.0),
 )
-COLOURS = ((0.0, 0.0), (0.5, 0.0))  # [s]
 JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
 LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
-WALKS = tuple(walk for walk, *_ in CHANGES for _ in LEVELS)
-TRENDS = tuple(trend for _, trend, _ in CHANGES for _ in LEVELS)
-COLOUR = tuple(colour for *_, colour in CHANGES for _ in LEVELS)
-STEADY = 2 * len(LEVELS)
-FIRST = tuple(a for a, _ in COLOURS)
-SECOND = tuple(b for _, b in COLOURS)
+WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
+TRENDS = tuple(trend for _, trend in CHANGES for _ in LEVELS)
 NOISES = tuple(level**2 for _ in CHANGES for level in LEVELS)
 MODELS = len(NOISES)
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
+CORRELATION = 0.5  # [s] in which coloured noise does: a quarter of a slow motion
+WHITE = len(LEVELS)  # the models of white noise without change come first, then those of coloured noise
+COLOURED = 2 * len(LEVELS)  # end of these
 FURTHEST = 1.0  # variance of the scale that time alone can add
 JUMPING = MODELS - len(LEVELS)  # the first model of a jump, one per noise level
 NEVER = 1e-300  # probability of a model that is excluded
 KNOWN = 1.0  # weight of a model's noise level, in equations
 LEAST_NOISE = 1e-12  # of the declared variance
-HEAD = slots("taken", "time", "changing")  # equations taken; time of the last one [s]; probability of a change
+# Equations taken; time of the last one [s]; probability of anything but white noise without change.
+HEAD = slots("taken", "time", "disturbed")
 MODEL = slots("probability", "noise", "weight")  # rows (K,) that follow: noise in units of the declared variance
 
 
 @njit(cache=True, error_model="numpy")
 def size(n: int) -> int:
-    """Floats in the state of one equation: HEAD, MODEL, combined mean and covariance, then x and P of each model."""
-    return HEAD.size + MODEL.size * MODELS + (MODELS + 1) * (n + n * n) + (1 + len(COLOURS)) * (n + 1)
+    """Floats in the state of one equation: HEAD, MODEL, combined mean and covariance, x and P of each model, row, y."""
+    return HEAD.size + MODEL.size * MODELS + (MODELS + 1) * (n + n * n) + n + 1
 
 
 @njit(cache=True, error_model="numpy")
 def _of_prior(j: int, steadiness: float) -> float:
     """rho_j."""
-    levels = len(LEVELS)
-    return steadiness / levels if j < levels else max((1.0 - steadiness) / (MODELS - levels), NEVER)
+    return steadiness / WHITE if j < WHITE else max((1.0 - steadiness) / (MODELS - WHITE), NEVER)
 
 
 @njit(cache=True, error_model="numpy")
@@ -149,18 +158,18 @@ def wander(state: Array, age: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def scratch(n: int) -> Array:
-    """Work space of `take`, allocated once since allocations are slow."""
-    return np.empty((5 + len(COLOURS), max(n + 4, MODELS)))
+def returning(state: Array, n: int) -> float:
+    """Variance that an effect missing in the equation adds, over that of independent noise; ~0 if noise is white."""
+    models, total = models_of(state), 0.0
+    for j in range(WHITE, COLOURED):
+        total += models[MODEL.probability, j] * models[MODEL.weight, j]
+    return total / (n - 1)
 
 
 @njit(cache=True, error_model="numpy")
-def repeated(state: Array, dimension: float) -> float:
-    """Structured."""
-    models, total = models_of(state), 0.0
-    for j in range(len(LEVELS), STEADY):
-        total += models[MODEL.probability, j] * models[MODEL.weight, j] / dimension
-    return total
+def scratch(n: int) -> Array:
+    """Work space of `take`, allocated once since allocations are slow."""
+    return np.empty((6, max(n, MODELS)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -274,30 +283,17 @@ def take(
     wobble          [s] variance, over the equation's window, of a random walk of rate 1 about its middle
     work            `scratch`
     """
-    rows = work[5 : 5 + len(COLOURS)]
-    gain, before, probable, likely = work[0, :n], work[1, :n], work[2], work[3]
+    gain, before, probable, likely, fresh = work[0, :n], work[1, :n], work[2], work[3], work[5, :n]
     models, elapsed = models_of(state), max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
     stay = exp(-elapsed / memory)
     _interact(state, n, stay, steadiness, probable, before, work[4, :n])
-    highest, total = -inf, 0.0
-    past = state[state.size - (1 + len(COLOURS)) * (n + 1) :].reshape(1 + len(COLOURS), n + 1)
-    for c in range(len(COLOURS)):
-        one = exp(-elapsed / FIRST[c]) if FIRST[c] > 0.0 and elapsed > 0.0 else 0.0
-        two = exp(-elapsed / SECOND[c]) if SECOND[c] > 0.0 and elapsed > 0.0 else 0.0
-        along = 0.0
-        for i in range(n + 1):
-            now = y if i == n else row[i]
-            once = now - one * past[0, i]
-            rows[c, i] = once - two * past[1 + c, i]
-            past[1 + c, i] = once
-            if i < n:
-                along += rows[c, i] * g[i]
-        rows[c, n + 1] = along
-        rows[c, n + 2] = (1.0 - one * one) if two == 0.0 else (1 - one * one) ** 3 / (1 + one * one)
-        rows[c, n + 3] = (1.0 + one * one) if two == 0.0 else 1 + 4 * one * one + one ** 4
+    along, highest, total = 0.0, -inf, 0.0
+    last = state[state.size - n - 1 :]
+    again = exp(-elapsed / CORRELATION) if elapsed > 0.0 else 0.0
     for i in range(n):
-        past[0, i] = row[i]
-    past[0, n] = y
+        along += row[i] * g[i]
+        fresh[i], last[i] = row[i] - again * last[i], row[i]
+    fresh_y, last[n] = y - again * last[n], y
     for j in range(MODELS):
         x, P = _block(state, n, j + 1)
         walk, noise = WALKS[j] ** 2, models[MODEL.noise, j]
@@ -305,31 +301,32 @@ def take(
         if j >= JUMPING:
             walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
         _predict(x, P, g, elapsed, added, TRENDS[j] ** 2)
-        own = rows[COLOUR[j]]
-        row, along = own[:n], own[n + 1]
-        inside = within * own[n + 2]
-        innovation, doubt = own[n], 0.0
+        coloured = WHITE <= j < COLOURED
+        own = fresh if coloured else row
+        innovation, doubt = fresh_y if coloured else y, 0.0
+        unit = (1.0 - again * again) * within if coloured else within
+        known = (1.0 + again * again) * beside if coloured else beside
         for i in range(n):
             gain[i] = 0.0
             for k in range(n):
-                gain[i] += P[i, k] * row[k]
-            innovation -= row[i] * x[i]
-            doubt += row[i] * gain[i]
-        error = noise * inside + beside * own[n + 3] + walk * wobble * along * along
+                gain[i] += P[i, k] * own[k]
+            innovation -= own[i] * x[i]
+            doubt += own[i] * gain[i]
+        error = noise * unit + known + walk * wobble * along * along
         variance = max(doubt, 0.0) + error
         likely[j] = log(probable[j]) - 0.5 * (innovation * innovation / variance + log(variance))
         highest = max(highest, likely[j])
-        share = (noise * inside / variance) ** 2
+        share = (noise * unit / variance) ** 2
         models[MODEL.weight, j] = KNOWN + stay * (models[MODEL.weight, j] - KNOWN) + share
-        noise += (innovation * innovation - variance) / inside * share / models[MODEL.weight, j]
+        noise += (innovation * innovation - variance) / unit * share / models[MODEL.weight, j]
         low = NOISES[j] / HALF_STEP if NOISES[j] > NOISES[0] else LEAST_NOISE
         models[MODEL.noise, j] = min(max(noise, low), NOISES[j] * HALF_STEP if NOISES[j] < NOISES[-1] else inf)
-        _correct(x, P, row, innovation, variance, error, gain)
+        _correct(x, P, own, innovation, variance, error, gain)
     for j in range(MODELS):
         models[MODEL.probability, j] = exp(likely[j] - highest)
         total += models[MODEL.probability, j]
     models[MODEL.probability] /= total
     state[HEAD.taken] += 1.0
     state[HEAD.time] = time
-    state[HEAD.changing] = models[MODEL.probability, STEADY:].sum()
+    state[HEAD.disturbed] = models[MODEL.probability, WHITE:].sum()
     _combine(state, n)
