@@ -32,7 +32,7 @@ them, each as probable as the one with it before any data (`nested`).
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
 
-Standard deviations include noise, changes of the spring, the declared uncertainty of the torque's scale, which no
+Standard deviations include noise, effects that the equation lacks, changes of the spring, the declared uncertainty of the torque's scale, which no
 motion shows, and the truncation of the basis: the last term estimates the size of the first one left out
 (`truncation`). So give the basis one term more than needed, or set truncation to 0 if it is exact. Where a motor
 sticks, dry friction of unknown sign is noise.
