@@ -48,7 +48,8 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
             colour = j // len(models.LEVELS) == 1 and dt > 0.0
             r = np.exp(-dt / models.CORRELATION) if colour else 0.0
             own, unit = row - r * before[0], (1.0 - r**2) * within
-            error = noise[j] * unit + (1.0 + r**2) * beside + walk * wobble * (row @ g) ** 2
+            known = (1.0 + r**2) * (beside + within) if j // len(models.LEVELS) == 1 else beside
+            error = noise[j] * unit + known + walk * wobble * (row @ g) ** 2
             S, nu = own @ P[j] @ own + error, y - r * before[1] - own @ x[j]
             likely[j] = np.log(c[j]) - 0.5 * (nu**2 / S + np.log(S))
             share = (noise[j] * unit / S) ** 2
@@ -136,7 +137,7 @@ def test_coloured_noise_is_recognised_and_its_standard_deviations_match_the_scat
         state, work = np.zeros(models.size(N)), models.scratch(N)
         models.start(state, N, 0.5)
         for time, row, y, g in given:
-            models.take(state, N, time, MEMORY, 0.5, g, row.copy(), y, 1.0, 0.0, 0.0, work)
+            models.take(state, N, time, MEMORY, 0.5, g, row.copy(), y, 1e-4, 0.0, 0.0, work)
         mean, covariance = models.estimate_of(state, N)
         errors.append(mean[:3] - truth[:3])
         variances.append(np.diag(covariance)[:3])

@@ -33,10 +33,11 @@ a spring that changes: both explain large innovations v, and only their course s
 model finds its noise as the mean of noise + (v^2 - S) / within, weighted by (noise within / S)^2, the inverse of that
 number's variance.
 
-Coloured noise is a stationary process of correlation time CORRELATION (Gauss-Markov). Its model therefore takes each
-equation less r = exp(-dt / CORRELATION) times the one before, whose noise is white with the variance 1 - r^2 of the
-level (Cochrane and Orcutt, Journal of the American Statistical Association 44, 1949); known noise adds, 1 + r^2. Noise
-has a colour if an effect is missing in the equation. Without this model a changing spring would explain it.
+Coloured noise is a stationary process of correlation time CORRELATION (Gauss-Markov) beside the white noise declared.
+Its model therefore takes each equation less r = exp(-dt / CORRELATION) times the one before: the process has the
+variance 1 - r^2 of its level then and is white (Cochrane and Orcutt, Journal of the American Statistical Association
+44, 1949), and white noise has 1 + r^2 of its variance. Noise has a colour if an effect is missing in the equation.
+Without this model a changing spring would explain it.
 
 Such an effect depends on the state of the joint and returns with its motion, so it does not average out. A disturbance
 of a given mean square that lies in m directions instead of N has N / m of the squared projection on each of them. With
@@ -57,7 +58,7 @@ from via_core.signals import Array
 
 from via_estimators.slots import slots
 
-# Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)]; first without change, in white and coloured noise.
+# Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)]; first no change, in white and in coloured noise.
 CHANGES = (
     (0.0, 0.0),
     (0.0, 0.0),
@@ -305,7 +306,7 @@ def take(
         own = fresh if coloured else row
         innovation, doubt = fresh_y if coloured else y, 0.0
         unit = (1.0 - again * again) * within if coloured else within
-        known = (1.0 + again * again) * beside if coloured else beside
+        known = (1.0 + again * again) * (beside + within) if coloured else beside
         for i in range(n):
             gain[i] = 0.0
             for k in range(n):

@@ -32,10 +32,10 @@ them, each as probable as the one with it before any data (`nested`).
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
 
-Standard deviations include noise, effects that the equation lacks, changes of the spring, the declared uncertainty of the torque's scale, which no
-motion shows, and the truncation of the basis: the last term estimates the size of the first one left out
-(`truncation`). So give the basis one term more than needed, or set truncation to 0 if it is exact. Where a motor
-sticks, dry friction of unknown sign is noise.
+Standard deviations include noise, changes of the spring, effects that the equation lacks (`interacting_models`), the
+declared uncertainty of the torque's scale, which no motion shows, and the truncation of the basis: the last term
+estimates the size of the first one left out (`truncation`). So give the basis one term more than needed, or set
+truncation to 0 if it is exact. Where a motor sticks, dry friction of unknown sign is noise.
 
 Effort convention: the effort in a sample stamped t_n is the torque that acted over the interval ENDING at t_n,
 (t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is constant over exactly such
