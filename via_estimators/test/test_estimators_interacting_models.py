@@ -14,7 +14,7 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
     prior = np.array([models._of_prior(j, steadiness) for j in range(K)])
     x, P = np.zeros((K, N)), np.tile(np.diag([1.0, 1.0, 1.0, 0.0]), (K, 1, 1))
     mu, noise, weight = prior.copy(), np.array(models.NOISES), np.full(K, models.KNOWN)
-    mean, covariance, last = np.zeros(N), P[0].copy(), None
+    mean, covariance, last, before = np.zeros(N), P[0].copy(), None, (np.zeros(N), 0.0)
     answers = []
     for time, row, y, g in equations:
         dt = 0.0 if last is None else time - last
@@ -23,12 +23,12 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
         for j in range(K):
             jumped = j >= models.JUMPING
             level = models.JUMPING + j % len(models.LEVELS)  # the jump at the same noise level
-            own = 0.0 if jumped else stay * mu[j]
+            stayed = 0.0 if jumped else stay * mu[j]
             after = stay * mu[level] * prior[j] * len(models.LEVELS)
-            c[j] = max(own + after + (1.0 - stay) * prior[j], models.NEVER)
+            c[j] = max(stayed + after + (1.0 - stay) * prior[j], models.NEVER)
             parts = [
-                (own, x_before[j], P_before[j]), (after, x_before[level], P_before[level]),
-                (c[j] - own - after, mean, covariance),
+                (stayed, x_before[j], P_before[j]), (after, x_before[level], P_before[level]),
+                (c[j] - stayed - after, mean, covariance),
             ]  # fmt: skip
             x[j] = sum(p * each for p, each, _ in parts) / c[j]
             P[j] = sum(p * (C + np.outer(each - x[j], each - x[j])) for p, each, C in parts) / c[j]
@@ -45,16 +45,21 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
                 Q = w**3 / 3.0 * np.outer(g, g) + 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g))
                 x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * (Q + w * np.outer(unit, unit))
             walk = models.JUMP**2 / max(dt, wobble, models.NEVER) if jumped else models.WALKS[j] ** 2
-            error = noise[j] * within + beside + walk * wobble * (row @ g) ** 2
-            S, nu = row @ P[j] @ row + error, y - row @ x[j]
+            colour = j // len(models.LEVELS) == 1 and dt > 0.0
+            r = np.exp(-dt / models.CORRELATION) if colour else 0.0
+            own, unit = row - r * before[0], (1.0 - r**2) * within
+            known = (1.0 + r**2) * (beside + within) if j // len(models.LEVELS) == 1 else beside
+            error = noise[j] * unit + known + walk * wobble * (row @ g) ** 2
+            S, nu = own @ P[j] @ own + error, y - r * before[1] - own @ x[j]
             likely[j] = np.log(c[j]) - 0.5 * (nu**2 / S + np.log(S))
-            share = (noise[j] * within / S) ** 2
+            share = (noise[j] * unit / S) ** 2
             weight[j] = models.KNOWN + stay * (weight[j] - models.KNOWN) + share
             low = models.NOISES[j] / models.HALF_STEP if models.NOISES[j] > models.NOISES[0] else models.LEAST_NOISE
             high = models.NOISES[j] * models.HALF_STEP if models.NOISES[j] < models.NOISES[-1] else np.inf
-            noise[j] = np.clip(noise[j] + (nu**2 - S) / within * share / weight[j], low, high)
-            gain = P[j] @ row / S
-            x[j], P[j] = x[j] + gain * nu, P[j] - np.outer(gain, row @ P[j])
+            noise[j] = np.clip(noise[j] + (nu**2 - S) / unit * share / weight[j], low, high)
+            gain = P[j] @ own / S
+            x[j], P[j] = x[j] + gain * nu, P[j] - np.outer(gain, own @ P[j])
+        before = row, y
         mu = np.exp(likely - likely.max())
         mu /= mu.sum()
         mean = mu @ x
@@ -116,6 +121,33 @@ def test_standard_deviations_match_the_scatter_for_any_noise(noise):
     assert 0.85 < ratio < 1.25
 
 
+@pytest.mark.parametrize("memory", [0.15, 0.3, 0.6])
+def test_coloured_noise_is_recognised_and_its_standard_deviations_match_the_scatter(memory):
+    """Gauss-Markov noise of other correlation times [s] than assumed; regressors that vary as slowly."""
+    errors, variances, white, returning = [], [], [], []
+    for seed in range(40):
+        rng, keep = np.random.default_rng(seed), np.exp(-PERIOD / memory)
+        truth = np.append(np.random.default_rng(1000 + seed).normal(size=3), 0.0)
+        noise, regressors, given = 0.0, np.zeros(3), []
+        for k in range(200):
+            noise = keep * noise + np.sqrt(1.0 - keep**2) * 0.3 * rng.normal()
+            regressors = keep * regressors + np.sqrt(1.0 - keep**2) * rng.normal(size=3)
+            row = np.append(regressors, 0.0)
+            given.append((PERIOD * k, row, row @ truth + noise, truth))
+        state, work = np.zeros(models.size(N)), models.scratch(N)
+        models.start(state, N, 0.5)
+        for time, row, y, g in given:
+            models.take(state, N, time, MEMORY, 0.5, g, row.copy(), y, 1e-4, 0.0, 0.0, work)
+        mean, covariance = models.estimate_of(state, N)
+        errors.append(mean[:3] - truth[:3])
+        variances.append(np.diag(covariance)[:3])
+        white.append(models.models_of(state)[models.MODEL.probability, : models.WHITE].sum())
+        returning.append(models.returning(state, N))
+    assert 0.8 < np.sqrt(np.mean(np.square(errors) / variances)) < 1.25
+    assert np.median(white) < 0.05
+    assert np.median(returning) > 10.0  # of 200 equations with three unknowns
+
+
 @pytest.mark.parametrize(
     ("scale", "walks"),
     [
@@ -172,6 +204,6 @@ def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
 def test_what_time_alone_can_add_is_bounded():
     state = np.zeros(models.size(N))
     models.start(state, N, 0.0)
-    walks, trends = (np.square(each[len(models.LEVELS) :]) for each in (models.WALKS, models.TRENDS))
+    walks, trends = (np.square(each[models.WHITE :]) for each in (models.WALKS, models.TRENDS))
     assert models.wander(state, 0.5) == pytest.approx(np.mean(0.5 * walks + 0.5**3 / 3.0 * trends))
     assert models.wander(state, 1e9) == models.FURTHEST

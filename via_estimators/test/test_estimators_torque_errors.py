@@ -68,6 +68,8 @@ def test_an_inertia_beside_the_file_s_is_evidence_of_a_wrong_scale():
     """Nothing is stated: 10 % too much torque is 10 % too much inertia, twice the tolerance."""
     rows, truth = moved(gain=1.1)
     assert inside(estimator_for(stated()).run_rows(rows)[1], truth) > 0.85
+    weak, truth = moved(gain=0.48)  # then the stiffness is off by 52 %, which is more than itself
+    assert inside(estimator_for(stated()).run_rows(weak)[1], truth) > 0.85
     sound = moved()[0]
     checked = estimator_for(stated()).run_rows(sound)[1]
     bare = ModulatedTorque.from_device(stated()).run_rows(sound)[1]

@@ -8,7 +8,8 @@ stiffness, an inertia or a stiffness many times that of the file) is IMPLAUSIBLE
 
 The motor inertia found is also the only evidence of a wrong torque scale that the device file does not state: all
 values are proportional to it. With inertia B +- tolerance b in the file, found B' +- sd, its most likely variance is
-max(0, (B'/B - 1)^2 - (sd/B)^2 - b^2), which is added to the relative variances of stiffness, inertia and damping.
+max(0, (B'/B - 1)^2 - (sd/B)^2 - b^2). A value x that was found with the scale s = B'/B is x / s in truth, so this
+variance over s^2 is added to the relative variances of stiffness, inertia and damping.
 
 A step between two samples that no joint can make, such as one wild number of a damaged message, is a bad sample: in a
 window or a long memory it would act like many true ones. If the signal stays there, the window restarts as after a gap.
@@ -360,8 +361,8 @@ def _doubt(row: Array, motors: Array, owners: Array) -> None:
     k, total = owners.size, 0.0
     for i in range(motors.shape[0]):
         at, inertia, tolerance = int(motors[i, 0]), motors[i, 1], motors[i, 2]
-        off, sd = row[2 + at] / inertia - 1.0, row[2 + k + at] / inertia
-        excess = off * off - sd * sd - tolerance
+        scale, sd = row[2 + at] / inertia, row[2 + k + at] / inertia
+        excess = ((scale - 1.0) ** 2 - sd * sd - tolerance) / (scale * scale)
         if excess > 0.0:
             for j in range(k):
                 if owners[j] == i:

@@ -6,7 +6,8 @@ coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 The first n - 1 unknowns x change along one direction g, which the caller renews. If g is the present
 spring law, its scale s changes. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
 a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
-with time constant PERSISTENCE, or a jump of s since the last equation. Equations arrive one at a time,
+with time constant PERSISTENCE, or a jump of s since the last equation; or no change and coloured noise. Equations
+arrive one at a time,
 
     y = row' x + e,    variance of e = noise_j within + beside + walk_j^2 wobble (row' g)^2
 
@@ -32,6 +33,17 @@ a spring that changes: both explain large innovations v, and only their course s
 model finds its noise as the mean of noise + (v^2 - S) / within, weighted by (noise within / S)^2, the inverse of that
 number's variance.
 
+Coloured noise is a stationary process of correlation time CORRELATION (Gauss-Markov) beside the white noise declared.
+Its model therefore takes each equation less r = exp(-dt / CORRELATION) times the one before: the process has the
+variance 1 - r^2 of its level then and is white (Cochrane and Orcutt, Journal of the American Statistical Association
+44, 1949), and white noise has 1 + r^2 of its variance. Noise has a colour if an effect is missing in the equation.
+Without this model a changing spring would explain it.
+
+Such an effect depends on the state of the joint and returns with its motion, so it does not average out. A disturbance
+of a given mean square that lies in m directions instead of N has N / m of the squared projection on each of them. With
+m = n - 1 unknowns, which are what N equations can distinguish, its part of the variance is N / (n - 1) times that of
+independent noise (`returning`).
+
 One equation's state is a flat row; `size` and the slots below define its layout. Unknowns are scaled so that the prior
 is x = 0, P = 1, but for the trend, which is 0 before any data.
 """
@@ -46,8 +58,9 @@ from via_core.signals import Array
 
 from via_estimators.slots import slots
 
-# Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)].
+# Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)]; first no change, in white and in coloured noise.
 CHANGES = (
+    (0.0, 0.0),
     (0.0, 0.0),
     (0.01, 0.0),
     (0.1, 0.0),
@@ -66,26 +79,29 @@ TRENDS = tuple(trend for _, trend in CHANGES for _ in LEVELS)
 NOISES = tuple(level**2 for _ in CHANGES for level in LEVELS)
 MODELS = len(NOISES)
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
+CORRELATION = 0.2  # [s] in which coloured noise does
+WHITE = len(LEVELS)  # the models of white noise without change come first, then those of coloured noise
+COLOURED = 2 * len(LEVELS)  # end of these
 FURTHEST = 1.0  # variance of the scale that time alone can add
 JUMPING = MODELS - len(LEVELS)  # the first model of a jump, one per noise level
 NEVER = 1e-300  # probability of a model that is excluded
 KNOWN = 1.0  # weight of a model's noise level, in equations
 LEAST_NOISE = 1e-12  # of the declared variance
-HEAD = slots("taken", "time", "changing")  # equations taken; time of the last one [s]; probability of a change
+# Equations taken; time of the last one [s]; probability of anything but white noise without change.
+HEAD = slots("taken", "time", "disturbed")
 MODEL = slots("probability", "noise", "weight")  # rows (K,) that follow: noise in units of the declared variance
 
 
 @njit(cache=True, error_model="numpy")
 def size(n: int) -> int:
-    """Floats in the state of one equation: HEAD, MODEL, combined mean and covariance, then x and P of each model."""
-    return HEAD.size + MODEL.size * MODELS + (MODELS + 1) * (n + n * n)
+    """Floats in the state of one equation: HEAD, MODEL, combined mean and covariance, x and P of each model, row, y."""
+    return HEAD.size + MODEL.size * MODELS + (MODELS + 1) * (n + n * n) + n + 1
 
 
 @njit(cache=True, error_model="numpy")
 def _of_prior(j: int, steadiness: float) -> float:
     """rho_j."""
-    levels = len(LEVELS)
-    return steadiness / levels if j < levels else max((1.0 - steadiness) / (MODELS - levels), NEVER)
+    return steadiness / WHITE if j < WHITE else max((1.0 - steadiness) / (MODELS - WHITE), NEVER)
 
 
 @njit(cache=True, error_model="numpy")
@@ -143,9 +159,18 @@ def wander(state: Array, age: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def returning(state: Array, n: int) -> float:
+    """Variance that an effect missing in the equation adds, over that of independent noise; ~0 if noise is white."""
+    models, total = models_of(state), 0.0
+    for j in range(WHITE, COLOURED):
+        total += models[MODEL.probability, j] * models[MODEL.weight, j]
+    return total / (n - 1)
+
+
+@njit(cache=True, error_model="numpy")
 def scratch(n: int) -> Array:
     """Work space of `take`, allocated once since allocations are slow."""
-    return np.empty((5, max(n, MODELS)))
+    return np.empty((6, max(n, MODELS)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -259,13 +284,17 @@ def take(
     wobble          [s] variance, over the equation's window, of a random walk of rate 1 about its middle
     work            `scratch`
     """
-    gain, before, probable, likely = work[0, :n], work[1, :n], work[2], work[3]
+    gain, before, probable, likely, fresh = work[0, :n], work[1, :n], work[2], work[3], work[5, :n]
     models, elapsed = models_of(state), max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
     stay = exp(-elapsed / memory)
     _interact(state, n, stay, steadiness, probable, before, work[4, :n])
     along, highest, total = 0.0, -inf, 0.0
+    last = state[state.size - n - 1 :]
+    again = exp(-elapsed / CORRELATION) if elapsed > 0.0 else 0.0
     for i in range(n):
         along += row[i] * g[i]
+        fresh[i], last[i] = row[i] - again * last[i], row[i]
+    fresh_y, last[n] = y - again * last[n], y
     for j in range(MODELS):
         x, P = _block(state, n, j + 1)
         walk, noise = WALKS[j] ** 2, models[MODEL.noise, j]
@@ -273,28 +302,32 @@ def take(
         if j >= JUMPING:
             walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
         _predict(x, P, g, elapsed, added, TRENDS[j] ** 2)
-        innovation, doubt = y, 0.0
+        coloured = WHITE <= j < COLOURED
+        own = fresh if coloured else row
+        innovation, doubt = fresh_y if coloured else y, 0.0
+        unit = (1.0 - again * again) * within if coloured else within
+        known = (1.0 + again * again) * (beside + within) if coloured else beside
         for i in range(n):
             gain[i] = 0.0
             for k in range(n):
-                gain[i] += P[i, k] * row[k]
-            innovation -= row[i] * x[i]
-            doubt += row[i] * gain[i]
-        error = noise * within + beside + walk * wobble * along * along
+                gain[i] += P[i, k] * own[k]
+            innovation -= own[i] * x[i]
+            doubt += own[i] * gain[i]
+        error = noise * unit + known + walk * wobble * along * along
         variance = max(doubt, 0.0) + error
         likely[j] = log(probable[j]) - 0.5 * (innovation * innovation / variance + log(variance))
         highest = max(highest, likely[j])
-        share = (noise * within / variance) ** 2
+        share = (noise * unit / variance) ** 2
         models[MODEL.weight, j] = KNOWN + stay * (models[MODEL.weight, j] - KNOWN) + share
-        noise += (innovation * innovation - variance) / within * share / models[MODEL.weight, j]
+        noise += (innovation * innovation - variance) / unit * share / models[MODEL.weight, j]
         low = NOISES[j] / HALF_STEP if NOISES[j] > NOISES[0] else LEAST_NOISE
         models[MODEL.noise, j] = min(max(noise, low), NOISES[j] * HALF_STEP if NOISES[j] < NOISES[-1] else inf)
-        _correct(x, P, row, innovation, variance, error, gain)
+        _correct(x, P, own, innovation, variance, error, gain)
     for j in range(MODELS):
         models[MODEL.probability, j] = exp(likely[j] - highest)
         total += models[MODEL.probability, j]
     models[MODEL.probability] /= total
     state[HEAD.taken] += 1.0
     state[HEAD.time] = time
-    state[HEAD.changing] = models[MODEL.probability, len(LEVELS) :].sum()
+    state[HEAD.disturbed] = models[MODEL.probability, WHITE:].sum()
     _combine(state, n)

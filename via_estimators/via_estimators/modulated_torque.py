@@ -32,10 +32,10 @@ them, each as probable as the one with it before any data (`nested`).
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
 
-Standard deviations include noise, changes of the spring, the declared uncertainty of the torque's scale, which no
-motion shows, and the truncation of the basis: the last term estimates the size of the first one left out
-(`truncation`). So give the basis one term more than needed, or set truncation to 0 if it is exact. Where a motor
-sticks, dry friction of unknown sign is noise.
+Standard deviations include noise, changes of the spring, effects that the equation lacks (`interacting_models`), the
+declared uncertainty of the torque's scale, which no motion shows, and the truncation of the basis: the last term
+estimates the size of the first one left out (`truncation`). So give the basis one term more than needed, or set
+truncation to 0 if it is exact. Where a motor sticks, dry friction of unknown sign is noise.
 
 Effort convention: the effort in a sample stamped t_n is the torque that acted over the interval ENDING at t_n,
 (t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is constant over exactly such
@@ -72,8 +72,9 @@ SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a d
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
 RELAXATION = 0.01  # [s] standard deviation of damping over stiffness of a spring: rubber has some milliseconds
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
-# Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative.
-KEPT = slots("moved", "moving", after=VISITED)
+# Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative,
+# `interacting_models.returning`.
+KEPT = slots("moved", "moving", "returning", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
 
 
@@ -288,6 +289,7 @@ def _learn(
     reported[:], uncertain[:, :] = x, covariance
     for j in (U.long, U.short, U.loss):
         nested.allow(reported, uncertain, j, -mean[j] / width[j])
+    kept[KEPT.returning] = interacting_models.returning(equation, n)
     quarter = length // (2 * ROWS_PER_WINDOW)
     for k in range(quarter, length - quarter):
         transmissions.visit(kept, own[PHI, k] if par[P.even_terms] > 0.0 else abs(own[PHI, k]))
@@ -305,6 +307,7 @@ def _report(
     x, covariance = _reported(part, n)
     warming = equation[interacting_models.HEAD.taken] <= ROWS_PER_WINDOW
     stiffness, bend = torque_equation.stiffness(par, mean, width, x, phi, slope)
+    wider = 1.0 + kept[KEPT.returning]
     factor = par[P.torque_scale_deviation] ** 2
     if not warming:
         age = max(now - equation[interacting_models.HEAD.time], 0.0)
@@ -312,7 +315,7 @@ def _report(
         slope[n - 1] = age * stiffness
         stiffness += slope[n - 1] * x[n - 1]
     uncertain = (
-        interacting_models.quadratic(covariance, slope)
+        wider * interacting_models.quadratic(covariance, slope)
         + factor * stiffness**2
         + torque_equation.truncation(par, mean, width, kept, x, covariance)
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
@@ -321,11 +324,11 @@ def _report(
     transmissions.update(value, sd, 1 + i, stiffness, sqrt(uncertain), learning)
     for at, j in ((1 + m + i, U.inertia), (1 + 2 * m + i, U.damping)):
         found = mean[j] + width[j] * x[j]
-        doubt = width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
+        doubt = wider * width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
         transmissions.update(value, sd, at, found, sqrt(doubt), learning)
-    # A change or a wrong torque constant may have the same cause in all transmissions.
-    change, of_scale = equation[interacting_models.HEAD.changing], par[P.torque_scale_deviation] * stiffness
-    common = sqrt(change * sd[1 + i] ** 2 + (1.0 - change) * of_scale**2)
+    # A change, an effect missing in the equation or a wrong torque constant may have one cause in all transmissions.
+    disturbed, of_scale = equation[interacting_models.HEAD.disturbed], par[P.torque_scale_deviation] * stiffness
+    common = sqrt(disturbed * sd[1 + i] ** 2 + (1.0 - disturbed) * of_scale**2)
     transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, common)
     return warming
 
