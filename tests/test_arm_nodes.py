@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -153,7 +154,7 @@ def test_foreign_and_invalid_messages_have_no_effect(graph):
 
     for stamp, position in ((10**9, np.nan), (2 * 10**9, 1e9)):
         publish(position, stamp)
-        graph.until(lambda: answered(stamp))
+        graph.until(partial(answered, stamp))
     assert {state.activity for state in states} == {ControlState.PASSIVE}
     assert not any(any(command.motor) for command in commands)
     publish(0.1, 3 * 10**9)

@@ -260,7 +260,7 @@ def test_unknown_names_and_unreadable_files(tmp_path: Path) -> None:
         load_device(tmp_path / "nowhere.yaml")
     with pytest.raises(DeviceError, match="cannot be read: Is a directory"):
         load_device(tmp_path)
-    with pytest.raises(DeviceError, match="cannot be read: .*embedded null"):
+    with pytest.raises(DeviceError, match=r"cannot be read: .*embedded null"):
         load_device("a\0.yaml")
     latin = tmp_path / "latin.yaml"
     latin.write_bytes(b"title: \xe9")
