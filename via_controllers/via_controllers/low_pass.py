@@ -12,12 +12,10 @@ LARGEST = 1e6  # [rad] larger angles are transmission errors, which would corrup
 
 @njit(cache=True, error_model="numpy")
 def low_passed(velocity: Array, before: Array, now: Array, step: float, bandwidth: float) -> Array:
-    """Velocities (n,) [rad/s] `step` [s] after `velocity`, while the angles (n,) [rad] went from `before` to `now`.
+    """Velocities [rad/s] `step` [s] after `velocity`, while the angles [rad] went from `before` to `now`; any equal shapes.
 
     bandwidth  [rad/s]; a step <= 0 returns a copy of `velocity`
     """
-    out = velocity.copy()
     if step > 0.0:
-        for i in range(out.size):
-            out[i] += (1.0 - exp(-bandwidth * step)) * ((now[i] - before[i]) / step - out[i])
-    return out
+        return velocity + (1.0 - exp(-bandwidth * step)) * ((now - before) / step - velocity)
+    return velocity.copy()
