@@ -12,8 +12,9 @@ LARGEST = 1e6  # [rad] larger angles are transmission errors, which would corrup
 
 @njit(cache=True, error_model="numpy")
 def low_passed(velocity: Array, before: Array, now: Array, step: float, bandwidth: float) -> Array:
-    """Velocities [rad/s] `step` [s] after `velocity`, while the angles [rad] went from `before` to `now`; any equal shapes.
+    """Velocities [rad/s] `step` [s] after `velocity`, while the angles [rad] went from `before` to `now`.
 
+    All arrays have one shape, whatever it is.
     bandwidth  [rad/s]; a step <= 0 returns a copy of `velocity`
     """
     if step > 0.0:
