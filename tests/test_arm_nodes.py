@@ -161,7 +161,9 @@ def test_foreign_and_invalid_messages_have_no_effect(graph):
     graph.until(lambda: answered(3 * 10**9) and any(any(command.motor) for command in commands))
     assert answered(3 * 10**9)[0] == ControlState.ACTIVE
     samples.publish(JointState(name=list(writer.stamped(0).name), position=[0.1]))
-    graph.until(lambda: states[-1].activity == ControlState.PASSIVE and not any(commands[-1].motor))
+    graph.until(partial(answered, 0))
+    assert answered(0)[0] == ControlState.PASSIVE
+    graph.until(lambda: not any(commands[-1].motor))
 
 
 @pytest.mark.parametrize(

@@ -217,10 +217,14 @@ def test_a_payload_that_no_file_can_have_is_refused(robot: Path) -> None:
         add_arm_payload(replace(payload, mass=0.8), "urdf", robot)
 
 
-def test_an_sdf_gets_friction(tmp_path: Path) -> None:
+def test_an_sdf_gets_friction_and_a_spring_to_the_base(tmp_path: Path) -> None:
     device = load_device("dfki_simple_pendulum")
     path = tmp_path / "robot.sdf"
     path.write_text(export(device, (), "sdf").text)
-    made = export(device, [Effect("coulomb_friction", "link", {"torque": 0.1})], "sdf", into=path)
-    friction = ElementTree.fromstring(made.text).findtext(".//axis/dynamics/friction")
-    assert float(friction or 0.0) == pytest.approx(0.28)
+    effects = [
+        Effect("coulomb_friction", "link", {"torque": 0.1}),
+        Effect("link_spring", "link", {"stiffness": 0.6, "rest": 0.5}),
+    ]
+    made = ElementTree.fromstring(export(device, effects, "sdf", into=path).text)
+    for entry, value in (("friction", 0.28), ("spring_stiffness", 0.6), ("spring_reference", 0.5)):
+        assert float(made.findtext(f".//axis/dynamics/{entry}") or 0.0) == pytest.approx(value)

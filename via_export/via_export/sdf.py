@@ -108,8 +108,7 @@ def _link_axis(target: Target, flexible: bool) -> list[Element]:
     damping = target.viscous(LINK) + float(device.damping_of(0.0))
     dry = target.dry(LINK)[1] + target.bristle(LINK)[0]
     if not flexible:
-        rest = float(row[P.link_spring_rest]) + target.of_axis(P.encoder_offset, LINK)
-        return [_dynamics(damping, dry, rest, float(row[P.link_spring])), _limit(target, wall=True, driven=True)]
+        return [_dynamics(damping, dry, *_spring_to_base(target)), _limit(target, wall=True, driven=True)]
     stiffness, moment = 0.0, 0.0
     for i in range(device.n_transmissions):
         each = stiffness_of(target, i)
@@ -117,6 +116,12 @@ def _link_axis(target: Target, flexible: bool) -> list[Element]:
         stiffness, moment = stiffness + each, moment + each * shift
     damping += sum(float(row[P.spring_damping + i]) for i in range(device.n_transmissions))
     return [_dynamics(damping, dry, moment / stiffness, stiffness), _limit(target, wall=True, driven=False)]
+
+
+def _spring_to_base(target: Target) -> tuple[float, float]:
+    """Rest angle [rad] as the encoder shows it, and stiffness [N m/rad], of a spring between link and base."""
+    stiffness, rest = float(target.row[P.link_spring]), float(target.row[P.link_spring_rest])
+    return (rest + target.of_axis(P.encoder_offset, LINK), stiffness) if stiffness else (0.0, 0.0)
 
 
 def stiffness_of(target: Target, i: int) -> float:
@@ -172,8 +177,9 @@ def into(source: Element, target: Target, name: str) -> list[str]:
         raise ValueError(f"no joint '{name}' with an axis; there are: {names or 'none'}")
     axis = found.find("axis")
     assert axis is not None
-    dry = target.rigid_dry[1]
-    for part in (_dynamics(target.rigid_viscous, dry), _limit(target, wall=True, driven=True)):
+    flexible = target.device.n_transmissions > 0
+    spring = (0.0, 0.0) if flexible else _spring_to_base(target)
+    for part in (_dynamics(target.rigid_viscous, target.rigid_dry[1], *spring), _limit(target, wall=True, driven=True)):
         there = axis.find(part.tag)
         if there is None:
             axis.append(part)
@@ -189,7 +195,7 @@ def into(source: Element, target: Target, name: str) -> list[str]:
     change = target.rigid_inertia - float(target.nominal[P.inertia + LINK]) - payloads.moments(target.effects)[0]
     if abs(change) > ROUNDED * target.inertia:
         notes.append(f"inertia about the axis: add {change:.6g} kg m^2 to the child link")
-    if target.device.n_transmissions:
+    if flexible:
         notes.append("the springs need a link of their own: take the whole model instead of --into")
     return notes
 

@@ -92,7 +92,8 @@ def test_a_second_cause_shows_once_the_first_gives_way():
     """A wall is found where the encoder, which is off, shows it: with the offset known it stands elsewhere."""
     wall = Effect("contact", "environment", {"angle": 0.4, "stiffness": 3.0, "damping": 0.02, "side": 1.0})
     offset = Effect("encoder_offset", "sensor", {"offset": 0.02})
-    segments = cut_log(log_of(flexible(), (wall, offset), seed=7, duration=6.0, tolerance=0.0))
+    # On this motion an offset of the preset or of the other encoder is no near tie.
+    segments = cut_log(log_of(flexible(), (wall, offset), seed=8, duration=6.0, tolerance=0.0))
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base, jacobian = based(problem)
     scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
@@ -101,10 +102,8 @@ def test_a_second_cause_shows_once_the_first_gives_way():
     beside = problem.nuisance_jacobian(first.effects, first.offsets, first.residual)
     candidates = [each for each in locations(problem.device, segments.log) if each not in first.locations]
     tried = directions(problem, first, candidates, scales)
-    both = (ranked(first, beside, tried, s) for s in (None, member_slopes(problem, first, scales)))
-    sought = Location("encoder_offset", "sensor", 0)
-    at_rest, giving_way = ([location for _, location, _ in found].index(sought) for found in both)
-    assert giving_way < 3 < at_rest  # an offset of the preset or of the other encoder is nearly the same
+    at_rest, giving_way = (ranked(first, beside, tried, s) for s in (None, member_slopes(problem, first, scales)))
+    assert giving_way[0][1] == Location("encoder_offset", "sensor", 0) != at_rest[0][1]
 
 
 def test_all_pairs_are_compared_where_the_best_single_cause_is_in_neither():

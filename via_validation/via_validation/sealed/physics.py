@@ -43,8 +43,8 @@ class Physics:
     gravity_turn: float = 0.0  # [rad] turn of the direction of gravity
     payload_mass: float = 0.0  # [kg] a body on the link
     payload_arm: float = 0.0  # [m]
-    tie_stiffness: float = 0.0  # [N m/rad] jnt_stiffness of the link
-    tie_rest: float = 0.0  # [rad] qpos_spring
+    tie_stiffness: float = 0.0  # [N m/rad] jnt_stiffness: a spring between link and base
+    tie_rest: float = 0.0  # [rad] qpos_spring: link angle at which it gives no torque
     wall: float = float("inf")  # [rad] link angle at which its tip touches a plane
     wall_side: float = 1.0  # +1 the plane stops positive motion, -1 negative
     wall_stiffness: float = 0.0  # [N m/rad] solref of the contact
