@@ -82,8 +82,8 @@ def _joint(model: Any, j: int) -> RobotJoint:
     if model.jnt_stiffness[j]:
         at = float(model.qpos_spring[model.jnt_qposadr[j]])
         remarks.append(
-            f"stiffness {model.jnt_stiffness[j]:g} about {at:g}: not used, the device file of a rigid joint has no spring "
-            "to the base; an effects file can have one, link_spring"
+            f"stiffness {model.jnt_stiffness[j]:g} about {at:g}: not used, the device file of a rigid joint has no "
+            "spring to the base; an effects file can have one, link_spring"
         )
     if np.any(model.dof_dampingpoly[dof]) or np.any(model.jnt_stiffnesspoly[j]):
         remarks.append("polynomial damping or stiffness: only the linear part is used")
