@@ -20,7 +20,7 @@ from via_sim.plants import JointPlant
 
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.nuisance import BOUND, Nuisance, apply_all, descend, nuisances, repaired_device
-from via_gap.residual.rollout import Rollout
+from via_gap.residual.rollout import Rollout, residuals
 from via_gap.residual.segments import Segments
 
 View = Rollout | InverseDynamics
@@ -89,12 +89,15 @@ class ResidualModel:
 
     def residual(self, rows: Sequence[Array]) -> Array:
         """Whitened residuals (K, R)."""
-        parts = []
-        for view in self.views:
-            each = np.stack(list(rows))
+        stacked = [np.stack(list(rows)) for _ in self.views]
+        for view, each in zip(self.views, stacked, strict=True):
             each[:, [P.tick, P.substeps]] = view.segments.nominal[[P.tick, P.substeps]]
-            parts.append(view.residual(each).reshape(len(each), -1))
-        return np.concatenate(parts, axis=1)
+        rollouts = [view for view in self.views if isinstance(view, Rollout)]
+        if len(rollouts) == len(self.views):
+            parts = residuals(rollouts, stacked)
+        else:
+            parts = [view.residual(each) for view, each in zip(self.views, stacked, strict=True)]
+        return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
     def loss(self, residual: Array) -> Array:
         """(...,) loss of residuals (..., R), to which a fit adds its squared offsets.

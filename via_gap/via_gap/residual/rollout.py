@@ -15,8 +15,9 @@ add columns to A in the same way (command_gaps.py).
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from math import ceil
 
 import numpy as np
@@ -25,13 +26,14 @@ from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.encoders import true_motions
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
-from via_sim.lockstep.run import RUNS_PER_CALL, run_many
+from via_sim.lockstep.pack import LANES
 
 from via_gap.residual.command_gaps import pulses
+from via_gap.residual.legs import Leg, Runs, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, write_history
 from via_gap.residual.segments import START, Segments, binned
-from via_gap.residual.threads import THREADS, together
+from via_gap.residual.threads import per_call
 from via_gap.residual.unseen import UnseenMotors
 
 HUGE = 1e6  # in place of an overflow
@@ -144,13 +146,19 @@ class Rollout:
 
         Each chain of neighbouring segments with each row is a run; runs of similar length are simulated in lockstep.
         """
+        out, runs = self._prepared(rows, offset, commands)
+        simulate(runs)
+        return out
+
+    def _prepared(self, rows: Array, offset: Array | None, commands: Array | None) -> tuple[Array, list[Runs]]:
+        """Memory for the angles of `motion`, and the runs that write it."""
         chains = self._chains()
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
         runs = np.stack(np.meshgrid(np.arange(len(rows)), np.arange(len(chains)), indexing="ij"), axis=-1).reshape(
             -1, 2
         )
         runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
-        size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * RUNS_PER_CALL))))  # alike on every thread
+        size = per_call(len(runs), LANES)
         memory = states = None
         if self._all_seen:
             memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
@@ -158,8 +166,8 @@ class Rollout:
             states = self._states_of_unseen(rows, commands)
         inputs = _Inputs(rows, self.segments.commands[None] if commands is None else commands, memory, states, offset)
         pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
-        together(partial(self._run, inputs, chains, piece, out) for piece in pieces)
-        return out
+        kind = tuple(map(float, self.segments.nominal[[P.tick, P.substeps]]))
+        return out, [Runs(self._legs(inputs, chains, piece, out), len(piece), kind) for piece in pieces]
 
     def _chains(self) -> Indices:
         """(n, 2): index into `chosen` of the first segment of each chain of neighbours, and their number.
@@ -229,8 +237,8 @@ class Rollout:
 
         return replace(self, motor_start=likely_start(errors, len(sizes)) @ sizes)
 
-    def _run(self, inputs: _Inputs, chains: Indices, runs: Indices, out: Array) -> None:
-        """Simulate `runs` (n, 2), pairs of row and chain, longest chains first, and write angles into `out`."""
+    def _legs(self, inputs: _Inputs, chains: Indices, runs: Indices, out: Array) -> Iterator[Leg]:
+        """Legs of `runs` (n, 2), pairs of row and chain, longest chains first; writes angles into `out`."""
         rows, drive = inputs.rows, inputs.commands
         segments, known = self.segments, self._known
         first, count = chains[runs[:, 1]].T
@@ -242,12 +250,11 @@ class Rollout:
             self._late_goals(inputs, runs, warm, states)
             ahead = np.flatnonzero(self.chosen[first] > 0)
             if ahead.size:
-                begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
-                run_many(rows[runs[ahead, 0]], begun, sent, under[ahead] + warm[ahead], moved)
-                states[ahead] = begun
+                begun = Leg(rows[runs[ahead, 0]], states[ahead], sent, under[ahead] + warm[ahead], self.lead)
+                yield begun
+                states[ahead] = begun.states
         else:
             states = inputs.states[runs[:, 0], first]
-        moved = np.empty((len(runs), segments.ticks + 1, 6))
         for j in range(int(count.max())):
             left = int(np.sum(count > j))  # shorter chains have ended
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
@@ -259,8 +266,9 @@ class Rollout:
             if inputs.offset is not None:
                 state[:, :6] += inputs.offset
             write_history(run, begin, state, segments.rate, known, self._starts)
-            run_many(run, state, sent, under[:left] + begin, moved[:left])
-            angles = moved[:left][:, :, list(segments.axes)]
+            leg = Leg(run, state, sent, under[:left] + begin, segments.ticks, last=j + 1 == count.max())
+            yield leg
+            angles = leg.moved[:, :, list(segments.axes)]
             out[runs[:left, 0], here] = binned(angles, segments.every, segments.averaged)
 
     def _initial(self, ticks: Indices, sent: Array, under: Indices) -> Array:
@@ -380,3 +388,10 @@ class Rollout:
         """Errors (K, C, b a) without the part that uncertain starts explain."""
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, error)
         return error - np.einsum("crk,Kck->Kcr", self.basis, along)
+
+
+def residuals(rollouts: Sequence[Rollout], rows: Sequence[Array]) -> list[Array]:
+    """`Rollout.residual` of each of several logs with its own rows (K, N_PARAMETERS), simulated side by side."""
+    prepared = [each._prepared(own, None, None) for each, own in zip(rollouts, rows, strict=True)]
+    simulate([run for _, runs in prepared for run in runs])
+    return [each.whitened(out) for each, (out, _) in zip(rollouts, prepared, strict=True)]

@@ -6,8 +6,10 @@ import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from math import ceil
 
 THREADS = 2
+BLOCKS = 2  # that one call computes at most: its own cost is small beside them
 
 
 @cache
@@ -27,3 +29,12 @@ def together(calls: Iterable[Callable[[], None]]) -> None:
         return
     for job in [_pool().submit(call) for call in waiting]:
         job.result()
+
+
+def per_call(runs: int, block: int) -> int:
+    """Runs of each call, if `runs` are computed in blocks that cost the same however many of `block` lanes are used.
+
+    Blocks are full, and no thread has more than one block more than another.
+    """
+    blocks = ceil(runs / block)
+    return block * ceil(blocks / (THREADS * ceil(blocks / (THREADS * BLOCKS))))

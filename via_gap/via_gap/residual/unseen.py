@@ -21,9 +21,10 @@ from functools import partial
 import numpy as np
 from via_core.signals import Array, Indices
 from via_sim.joint.parameters import P
+from via_sim.lockstep.pack import LANES
 from via_sim.lockstep.run import lead_many
 
-from via_gap.residual.threads import THREADS, together
+from via_gap.residual.threads import per_call, together
 
 HEAVY = 1e9  # [kg m^2]
 MEMORY = 2**25  # [bytes] of states that are kept
@@ -81,9 +82,10 @@ class UnseenMotors:
         drive = self.commands if commands is None else commands
         out = np.empty((len(rows), len(self.ticks), now.shape[1]))
         calls = []
-        for part in np.array_split(np.arange(len(rows)), min(THREADS, len(rows))):
+        size = per_call(len(rows), LANES)
+        for part in (slice(first, first + size) for first in range(0, len(rows), size)):
             own = drive if len(drive) == 1 else drive[part]
-            calls.append(partial(self._integrate, rows[part], now[part], own, out[part[0] : part[-1] + 1]))
+            calls.append(partial(self._integrate, rows[part], now[part], own, out[part]))
         together(calls)
         return out
 

@@ -30,8 +30,6 @@ from via_sim.lockstep.lanes import (
 from via_sim.lockstep.pack import LANES, any_above, choose, get, get_one, put, put_one, rows_of_packs
 from via_sim.lockstep.step import step
 
-RUNS_PER_CALL = 2 * LANES  # of callers that divide their runs: the cost of a call is small beside them
-
 # Arguments of `lead_many`, for the runs of a block.
 _Runs = namedtuple("_Runs", "rows states commands begins measured led out")
 # Work memory of a block. z: see `block`; u, y, modes, weights: of the scalar kernel, the last two per lane. Per lane:
