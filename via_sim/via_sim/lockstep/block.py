@@ -21,6 +21,10 @@ _SIZES = {
     "start": 6, "bristle": 3, "maxwell": 2, "lagged": 3, "before": 14, "at": 6, "midpoint": 3,
     # torques at Krogstad's stages, and the weights of `kernel.weigh`
     "n": 3, "a": 3, "b": 3, "c": 3, "weight": 3 * PER_AXIS,
+    # length of the step; the weights, lags left and lengths of both pieces of a tick, where a dead time divides it
+    "length": 1, "piece_weight": 6 * PER_AXIS, "piece_lag_left": 6, "piece_length": 2,
+    # servos: bandwidth; angle and velocity of both at the middle, then at the end of the step
+    "bandwidth": 2, "servo": 8,
     # age at the beginning of the run; inputs: command row behind the dead time, its external torque before it, all
     # torque, the part that is not from the drives, drive torque before the lag
     "age": 1, "command": N_COMMANDS, "external": 1, "torque": 3, "other_torque": 3, "commanded": 3, "damping": 1,
@@ -36,12 +40,12 @@ _SIZES = {
     "drive_limit": 1, "drive_gain": 1, "drive_bias": 1,
     # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,
     # `no_maxwell` and `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the
-    # beginning, the middle and the end of a step
+    # beginning, the middle and the end of a step; `preset_offset` is added to a motor's angle where a spring law takes it
     "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
     "viscous_asymmetry": 3, "load_friction": 3, "counter_friction": 3, "load_stribeck": 3, "counter_stribeck": 3,
     "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3,
-    "gravity_torque": 1, "gravity_angle": 1, "spring": 2 * N_COEFFICIENTS, "rise": 2, "fall": 2, "growth": 2,
-    "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "no_maxwell": 2,
+    "gravity_torque": 1, "gravity_angle": 1, "spring": 2 * N_COEFFICIENTS, "preset_offset": 2, "rise": 2, "fall": 2,
+    "growth": 2, "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "no_maxwell": 2,
     "slip_torque": 2, "slip_stiffness": 2, "spring_damping": 2, "contact_angle": 1, "contact_side": 1,
     "contact_stiffness": 1, "contact_damping": 1, "no_wall": 1, "coupling": 3, "pulse_torque": 1, "pulse_start": 1,
     "pulse_stop": 1, "spring_scale": 2, "stiffness_rate": 2, "torque_limit": 2, "torque_gain": 3, "torque_bias": 3,
@@ -72,5 +76,5 @@ COPIED = np.array(
 Terms = namedtuple("Terms", "axes springs kinds coefficients gravity coupled friction falls gaps rare")
 
 # First bit of each rare term: one bit per axis, transmission, or joint; of the catalogue's terms see `terms.py`.
-_Rare = namedtuple("_Rare", "bristle maxwell spring_damping wall lag loads position input hardening terms")
-R: Any = _Rare(0, 3, 5, 6, 7, 8, 9, 10, 12, 13)
+_Rare = namedtuple("_Rare", "bristle maxwell spring_damping wall lag loads position input hardening servo limited terms")
+R: Any = _Rare(0, 3, 5, 6, 7, 8, 9, 10, 12, 13, 15, 16)

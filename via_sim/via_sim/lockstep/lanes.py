@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from math import exp, floor, inf
+from math import exp, inf
 
 from via_core.dampers import damper_value
 from via_core.signals import Array
 from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
+from via_sim.joint.actuation import servo_bandwidth
 from via_sim.joint.compiled import bare
 from via_sim.joint.friction import feels_both_sides, has_friction
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, X
-from via_sim.joint.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.joint.parameters import (
+    ABSENT,
+    AT_TRANSMISSION,
+    DYNAMIC,
+    NO_DAMPER,
+    POSITION_DRIVE,
+    SERVO,
+    TORQUE_DRIVE,
+    P,
+)
 from via_sim.joint.position_drive import drive_torque
 from via_sim.joint.step import PER_AXIS, is_for, weigh
 from via_sim.joint.torques import deflection
@@ -23,14 +33,9 @@ from via_sim.lockstep.terms import saturated, term_bits
 @bare
 def is_supported(p: Array) -> bool:
     """Whether lockstep implements all terms of a parameter row."""
-    whole = floor(p[P.delay] / p[P.tick] + 1e-9)
-    fraction = p[P.delay] - whole * p[P.tick] >= 1e-9 * p[P.tick]
-    known = not fraction
-    for axis in range(1, 3):
-        known &= p[P.axis_kind + axis] <= DYNAMIC
     if p[P.link_drive] == POSITION_DRIVE:
-        known &= p[P.lag] <= 0.0 and p[P.drive_speed_limit] == inf and p[P.encoder_harmonics] == 0.0
-    return known
+        return p[P.lag] <= 0.0 and p[P.drive_speed_limit] == inf and p[P.encoder_harmonics] == 0.0
+    return True
 
 
 @bare
@@ -50,13 +55,14 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
         driven = p[P.link_drive] == TORQUE_DRIVE if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
         z[Z.torque_gain + axis, lane] = p[P.torque_gain + axis] if driven else 0.0
         z[Z.torque_bias + axis, lane] = p[P.torque_bias + axis] if driven else 0.0
-        share = 0.5 * axis * p[P.tick] / max(1.0, floor(p[P.substeps]))
-        z[Z.lag_left + axis, lane] = exp(-share / p[P.lag]) if p[P.lag] > 0.0 else 0.0
     z[Z.drive_gain, lane], z[Z.drive_bias, lane] = p[P.torque_gain], p[P.torque_bias]
     z[Z.drive_damping, lane] = p[P.drive_damping] if p[P.link_drive] == POSITION_DRIVE else 0.0
     z[Z.drive_limit, lane] = min(p[P.drive_torque_limit], p[P.saturation])
     for i in range(2):
         z[Z.pretension_offset + i, lane] = p[P.pretension_offset + i] if p[P.serial] == 0.0 else 0.0
+        z[Z.preset_offset + i, lane] = p[P.pretension_offset + i]
+        if p[P.axis_kind + 1 + i] == SERVO:
+            z[Z.bandwidth + i, lane] = servo_bandwidth(p, i)
         z[Z.half_gap + i, lane] = 0.5 * p[P.backlash + i]
         z[Z.no_gap + i, lane] = 0.0 if p[P.backlash + i] > 0.0 else inf
         start, kind = P.spring + i * N_COEFFICIENTS, int(p[P.spring_kind + i])
@@ -73,6 +79,23 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
     z[Z.contact_stiffness, lane] = p[P.contact_stiffness] if there else 0.0
     z[Z.contact_damping, lane] = p[P.contact_damping] if there else 0.0
     z[Z.no_wall, lane] = 0.0 if there else inf
+
+
+@bare
+def divide_tick(p: Array, late: int, steps: int, z: Array, lane: int) -> bool:
+    """Steps of a lane before and after the command of a tick arrives; whether the dead time divides ticks at all.
+
+    late  dead time in whole ticks
+    """
+    rest = p[P.delay] - late * p[P.tick]
+    if rest < 1e-9 * p[P.tick]:
+        rest = 0.0
+    for piece, duration in enumerate((rest, p[P.tick] - rest)):
+        z[Z.piece_length + piece, lane] = duration / steps
+        for moment in range(3):
+            share = 0.5 * moment * duration / steps
+            z[Z.piece_lag_left + 3 * piece + moment, lane] = exp(-share / p[P.lag]) if p[P.lag] > 0.0 else 0.0
+    return rest > 0.0
 
 
 @bare
@@ -135,8 +158,9 @@ def take_commands(p: Array, z: Array, elapsed: float) -> None:
 
 
 @bare
-def set_damping(p: Array, h: float, weights: Array, z: Array, lane: int) -> None:
-    """Damping of a lane that acts on its link, and the weights of steps of h [s] with it; weights (N_WEIGHTS,)."""
+def set_damping(p: Array, piece: int, weights: Array, z: Array, lane: int) -> None:
+    """Damping of a lane that acts on its link, and the weights of the steps of a piece with it; weights (N_WEIGHTS,)."""
+    h = z[Z.piece_length + piece, lane]
     damping = z[Z.power, lane] * z[Z.drive_damping, lane]
     if p[P.damper_site] != NO_DAMPER:
         damping += damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], z[Z.command + DAMPING, lane])
@@ -144,7 +168,17 @@ def set_damping(p: Array, h: float, weights: Array, z: Array, lane: int) -> None
     if not is_for(weights, h, damping):
         weigh(p, h, damping, weights)
         for k in range(3 * PER_AXIS):
-            z[Z.weight + k, lane] = weights[k]
+            z[Z.piece_weight + 3 * PER_AXIS * piece + k, lane] = weights[k]
+
+
+@bare
+def begin_piece(z: Array, piece: int) -> None:
+    """Length, weights and lags of the steps of a piece."""
+    put(z, Z.length, get(z, Z.piece_length + piece))
+    for k in range(3 * PER_AXIS):
+        put(z, Z.weight + k, get(z, Z.piece_weight + 3 * PER_AXIS * piece + k))
+    for moment in range(3):
+        put(z, Z.lag_left + moment, get(z, Z.piece_lag_left + 3 * piece + moment))
 
 
 @bare
@@ -160,7 +194,8 @@ def store_inputs(p: Array, x: Array, command: Array, z: Array, lane: int) -> Non
             x[X.lag + axis] = z[Z.commanded + axis, lane]
     for i in range(2):
         x[X.reported_torque + i] = min(max(command[i], -p[P.torque_limit + i]), p[P.torque_limit + i])
-        x[X.motor_torque + i] = z[Z.torque + 1 + i, lane]
+        servo = p[P.axis_kind + 1 + i] == SERVO
+        x[X.motor_torque + i] = z[Z.command + i, lane] if servo else z[Z.torque + 1 + i, lane]
 
 
 @bare
@@ -210,4 +245,6 @@ def _rare_bits(p: Array) -> int:
         bits |= int(p[P.spring_damping + i] != 0.0) << R.spring_damping
         bits |= int(p[P.input_errors + i] != 0.0) << (R.input + i)
         bits |= int(p[P.spring_hardening + i] != 0.0) << R.hardening
+        if p[P.axis_kind + 1 + i] == SERVO:
+            bits |= 1 << (R.servo + i) | int(p[P.saturation + 1 + i] != inf) << R.limited
     return bits

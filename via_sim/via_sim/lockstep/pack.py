@@ -94,6 +94,7 @@ for _functions, _count, _build in (
     ((max,), 2, _chosen_by(">")),
     ((abs,), 1, _called("fabs")),
     ((math.floor,), 1, _called("floor")),
+    ((math.sqrt,), 1, _called("sqrt")),
 ):
     for _function in _functions:
         _operator(_function, _count, _build)

@@ -17,6 +17,8 @@ from via_sim.joint.parameters import NO_DAMPER, POSITION_DRIVE, P
 from via_sim.joint.step import N_WEIGHTS
 from via_sim.lockstep.block import N_ROWS, Z
 from via_sim.lockstep.lanes import (
+    begin_piece,
+    divide_tick,
     is_simple,
     is_supported,
     load_parameters,
@@ -62,7 +64,7 @@ def lead_many(
     measured  (N, 6) angles [rad] and velocities [rad/s] as the encoders measure them, from tick 0 of the states on
     axes      (m,) int64, the axes whose motion is prescribed
     """
-    modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
+    modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 4, N_WEIGHTS))
     for first in range(0, len(rows), LANES):
         lanes, block = np.zeros((4, LANES), np.int64), slice(first, first + LANES)
         z, u, y = rows_of_packs(N_ROWS), np.zeros(N_INPUTS), np.zeros(9)
@@ -78,6 +80,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
     """All ticks of at most LANES runs."""
     lead, z, period = runs.rows[0], work.z, runs.rows[0, P.tick]
     terms, count, together, late = terms_of(runs.rows), len(runs.rows), 0, 0
+    steps, divided = max(1, int(lead[P.substeps])), False
     for lane in range(count):
         p, x = runs.rows[lane], runs.states[lane]
         begin(p, x, work.u, work.modes[lane], work.weights[lane])
@@ -88,7 +91,8 @@ def _run_block(runs: _Runs, work: _Work) -> None:
         alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and is_supported(p)
         z[Z.joins, lane] = alike
         together, late = together + alike, late + work.modes[lane, MODE.late]
-    simple, steps = is_simple(terms), max(1, int(lead[P.substeps]))
+        divided |= divide_tick(p, work.modes[lane, MODE.late], steps, z, lane)
+    simple = is_simple(terms)
     damped = lead[P.damper_site] != NO_DAMPER or lead[P.link_drive] == POSITION_DRIVE
     left_out = True
     for tick in range(runs.out.shape[1] - 1):
@@ -100,21 +104,24 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                 for i in range(N_COMMANDS):
                     put_one(z, Z.command + i, lane, command[i])
             put(z, Z.external, get(z, Z.command + EXTERNAL))
-            if late > 0:
-                _delay(runs, tick, work)
-            take_commands(lead, z, tick * period)
-            if damped or tick == 0:
-                for lane in range(count):
-                    set_damping(runs.rows[lane], period / steps, work.weights[lane, 2], z, lane)
             for row in range(Z.at - Z.before if terms.rare != 0 else 6):
                 put(z, Z.before + row, get(z, Z.start + row))
             put(z, Z.margin, get(z, Z.joins))
             sticks = any_above(get(z, Z.stuck) + get(z, Z.stuck + 1) + get(z, Z.stuck + 2), 0.0)
-            for _ in range(steps):
-                if simple:
-                    step(z, runs.rows, terms, sticks, None)
-                else:
-                    step(z, runs.rows, terms, sticks, FULL)
+            for piece in range(0 if divided else 1, 2):  # before and after the command of this tick arrives
+                if late > 0 or divided:
+                    _delay(runs, tick, work, 1 - piece)
+                take_commands(lead, z, tick * period)
+                if damped or tick == 0:
+                    for lane in range(count):
+                        set_damping(runs.rows[lane], piece, work.weights[lane, 2 + piece], z, lane)
+                if divided or damped or tick == 0:
+                    begin_piece(z, piece)
+                for _ in range(steps):
+                    if simple:
+                        step(z, runs.rows, terms, sticks, None)
+                    else:
+                        step(z, runs.rows, terms, sticks, FULL)
         left_out = together < count or any_above(choose(get(z, Z.margin), 0.0, get(z, Z.joins)), 0.0)
         for lane in range(count):
             if work.plain[lane] != 0 and get_one(z, Z.margin, lane) > 0.0:
@@ -144,10 +151,10 @@ def _join(runs: _Runs, work: _Work) -> None:
 
 
 @bare
-def _delay(runs: _Runs, tick: int, work: _Work) -> None:
-    """Commands behind the dead time into the lanes."""
+def _delay(runs: _Runs, tick: int, work: _Work, more: int) -> None:
+    """Commands behind the dead time, and `more` ticks behind it, into the lanes."""
     for lane in range(len(runs.rows)):
-        late, x = work.modes[lane, MODE.late], runs.states[lane]
+        late, x = work.modes[lane, MODE.late] + more, runs.states[lane]
         queued = queued_at(x, (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED), late)
         sent = runs.commands[max(runs.begins[lane] + tick - late, 0)]
         for i in range(QUEUED):

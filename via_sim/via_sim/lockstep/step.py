@@ -10,6 +10,7 @@ from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.step import PER_AXIS, W
 from via_sim.lockstep.block import R, Terms, Z
 from via_sim.lockstep.pack import add, get, put
+from via_sim.lockstep.servos import END, MIDDLE, find_servos, place_servos
 from via_sim.lockstep.terms import find_input_errors
 from via_sim.lockstep.torques import apply_lag, bristle_torque, lagged, maxwell_torque, torques
 
@@ -25,12 +26,16 @@ def step(z: Array, rows: Array, terms: Terms, sticks: bool, full: Any) -> None:
     axes, friction, rare = terms.axes, terms.friction, terms.rare
     for row in range(6):
         put(z, Z.at + row, get(z, Z.start + row))
+    if full is not None and rare >> R.servo & 3:
+        find_servos(z, rows, rare)
     if full is not None and rare >> R.lag & 1:
         apply_lag(z, 0)
     torques(z, rows, Z.n, terms, sticks, full)
     for axis in range(axes):
         put(z, Z.a + axis, 0.0)
     _stage(z, axes, W.half, W.a_n, W.b_a, Z.a)
+    if full is not None:
+        place_servos(z, rare, MIDDLE)
     if friction != 0:
         for axis in range(axes):
             put(z, Z.midpoint + axis, get(z, Z.at + 3 + axis))
@@ -38,12 +43,16 @@ def step(z: Array, rows: Array, terms: Terms, sticks: bool, full: Any) -> None:
         apply_lag(z, 1)
     torques(z, rows, Z.a, terms, sticks, full)
     _stage(z, axes, W.half, W.b_n, W.b_a, Z.a)
+    if full is not None:
+        place_servos(z, rare, MIDDLE)
     if friction != 0:
         for axis in range(axes):  # twice the midpoint velocity
             add(z, Z.midpoint + axis, get(z, Z.at + 3 + axis))
         _check_modes(z, Z.midpoint, axes, friction, 0)
     torques(z, rows, Z.b, terms, sticks, full)
     _stage(z, axes, W.full, W.c_n, W.c_b, Z.b)
+    if full is not None:
+        place_servos(z, rare, END)
     if full is not None and rare >> R.lag & 1:
         apply_lag(z, 2)
     torques(z, rows, Z.c, terms, sticks, full)
@@ -54,6 +63,8 @@ def step(z: Array, rows: Array, terms: Terms, sticks: bool, full: Any) -> None:
         w, last = Z.weight + PER_AXIS * axis + W.end_c, get(z, Z.c + axis)
         add(z, Z.at + axis, get(z, w + 1) * last)
         add(z, Z.at + 3 + axis, get(z, w) * last)
+    if full is not None:
+        place_servos(z, rare, END)
     if full is not None and rare >> R.input & 3:
         find_input_errors(z)
     if friction != 0 or terms.gaps != 0:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from math import exp, sin
+from math import cos, exp, sin, sqrt
 from typing import Any
 
 from via_core.signals import Array
-from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
+from via_core.spring_equations import EXPONENTIAL, MACCEPA, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.parameters import P
@@ -134,6 +134,8 @@ def _spring(z: Array, rows: Array, i: int, terms: Terms, full: Any) -> Any:
 def _law(z: Array, rows: Array, i: int, phi: Any, terms: Terms, full: Any) -> Any:
     """Spring law of transmission i at phi, see `torques.spring_law`."""
     if full is not None and terms.kinds[i] != ODD_POLYNOMIAL:
+        if terms.kinds[i] == MACCEPA and not any_above(abs(phi), get(z, Z.stop + i)):
+            return _maccepa(z, rows, i, phi)
         if terms.kinds[i] != SINH and terms.kinds[i] != EXPONENTIAL:
             return _each_law(z, rows, i, phi)
         if not any_above(abs(phi), get(z, Z.stop + i)):
@@ -158,6 +160,15 @@ def _exponential(z: Array, i: int, phi: Any, sign: float) -> Any:
     """Exponential spring law of transmission i at phi; with `sign` -1 its slope over its growth."""
     grown = exp(get(z, Z.growth + i) * phi)
     return get(z, Z.rise + i) * grown - sign * (get(z, Z.fall + i) / grown)
+
+
+@bare
+def _maccepa(z: Array, rows: Array, i: int, phi: Any) -> Any:
+    """Spring law of a MACCEPA at phi, see `spring_equations.spring_torque`."""
+    c, preset_motor = Z.spring + i * N_COEFFICIENTS, 2 if rows[0, P.serial] != 0.0 else 1 + i
+    preset = get(z, Z.at + preset_motor) + get(z, Z.preset_offset + i)
+    length = sqrt(get(z, c + 1) - get(z, c + 2) * cos(phi))
+    return get(z, c) * sin(phi) * (1.0 + (get(z, c + 3) * preset - get(z, c + 4)) / length)
 
 
 @bare
