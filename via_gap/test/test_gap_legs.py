@@ -22,7 +22,7 @@ def models(case):
     return [Rollout.of(each, np.array([0, 1, 4, 5, 6])) for each in cut]
 
 
-@pytest.mark.parametrize("case", ("whole runs", "segments"))
+@pytest.mark.parametrize("case", ["whole runs", "segments"])
 def test_logs_side_by_side_have_the_bits_of_each_alone(case, monkeypatch):
     views = models(case)
     calls = []

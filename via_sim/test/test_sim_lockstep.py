@@ -120,6 +120,28 @@ def test_rare_terms_in_neighbouring_lanes_with_substeps(joint):
     assert np.ptp(together[:, -1, 0]) > 1e-3
 
 
+@pytest.mark.parametrize("joint", JOINTS, ids=lambda joint: f"{joint.arrangement}-{joint.drive}")
+def test_lanes_with_different_dead_times_and_lags_in_substeps(joint):
+    """Each lane divides its ticks elsewhere; both pieces have all substeps, in a single run a part of them."""
+    delays = (0.0, 0.0043, 0.0007, 0.005, 0.0098)
+    effects = [[Effect("actuator_delay", "command", {"delay": delay})] if delay else [] for delay in delays]
+    effects += [[*each, Effect("actuator_lag", "command", {"time_constant": 0.02})] for each in effects]
+    plants = [JointPlant.from_device(joint).with_effects(each) for each in effects]
+    rows, sent = np.stack([plant.at_rate(RATE) for plant in plants]), commands(300)
+    rows[:, P.substeps] = 2.0
+    states = np.stack([initial_state(plant, RATE, (0.1, 0.0, 0.0, 0.5, 0.2, 0.0), 0) for plant in plants])
+    own, fine = states.copy(), states.copy()
+    together = simulate_rows(rows, states, sent)
+    exact = rows.copy()
+    exact[:, P.substeps] = 32.0
+    for k in range(len(plants)):
+        reference = alone(exact[k], fine[k], sent)
+        error = np.max(np.abs(alone(rows[k], own[k], sent) - reference))
+        assert np.max(np.abs(together[k] - reference)) < error + 1e-9, plants[k].effects
+        assert np.array_equal(states[k, X.queue :], own[k, X.queue :])
+    assert np.ptp(together[:, -1, 0]) > 1e-4
+
+
 def test_run_in_pieces_equals_the_whole_run():
     """A run can continue from the state after lockstep: queue, ring buffer, tick number."""
     joint = flexible(10.0, GRAVITY)

@@ -258,16 +258,8 @@ def solved(normal: Array, pull: Array, ridge: float) -> Array:
 
 
 def _pulses(rollout: Rollout, model: Flexible, residual: Array) -> Array:
-    """(columns, PIECES, C, values) change of a residual (C, values) by a torque of 1 N m on each axis over each piece.
-
-    A dead time is rounded to ticks, which hardly affects the change and allows a simulation in lockstep.
-    """
+    """(columns, PIECES, C, values) change of a residual (C, values) by 1 N m on each axis over each piece."""
     segments, row = rollout.segments, model.row
-    whole = round(row[P.delay] * segments.rate) / segments.rate
-    if abs(row[P.delay] - whole) > 1e-9:
-        row = row.copy()
-        row[P.delay] = whole
-        residual = _run(rollout, row, _limited(segments.commands, model.limits)[None])[0]
     edges = np.linspace(0, segments.ticks, PIECES + 1).astype(int)
     piece = np.searchsorted(edges, np.arange(len(segments.commands)) % segments.ticks, side="right") - 1
     commands = _limited(segments.commands, model.limits)

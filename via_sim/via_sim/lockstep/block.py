@@ -40,7 +40,7 @@ _SIZES = {
     "drive_limit": 1, "drive_gain": 1, "drive_bias": 1,
     # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,
     # `no_maxwell` and `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the
-    # beginning, the middle and the end of a step; `preset_offset` is added to a motor's angle where a spring law takes it
+    # beginning, the middle and the end of a step; `preset_offset` is added to the motor's angle in a spring law
     "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
     "viscous_asymmetry": 3, "load_friction": 3, "counter_friction": 3, "load_stribeck": 3, "counter_stribeck": 3,
     "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3,
@@ -76,5 +76,7 @@ COPIED = np.array(
 Terms = namedtuple("Terms", "axes springs kinds coefficients gravity coupled friction falls gaps rare")
 
 # First bit of each rare term: one bit per axis, transmission, or joint; of the catalogue's terms see `terms.py`.
-_Rare = namedtuple("_Rare", "bristle maxwell spring_damping wall lag loads position input hardening servo limited terms")
+_Rare = namedtuple(
+    "_Rare", "bristle maxwell spring_damping wall lag loads position input hardening servo limited terms"
+)
 R: Any = _Rare(0, 3, 5, 6, 7, 8, 9, 10, 12, 13, 15, 16)

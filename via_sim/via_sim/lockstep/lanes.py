@@ -159,7 +159,7 @@ def take_commands(p: Array, z: Array, elapsed: float) -> None:
 
 @bare
 def set_damping(p: Array, piece: int, weights: Array, z: Array, lane: int) -> None:
-    """Damping of a lane that acts on its link, and the weights of the steps of a piece with it; weights (N_WEIGHTS,)."""
+    """Damping of a lane that acts on its link, and the weights of steps of a piece with it; weights (N_WEIGHTS,)."""
     h = z[Z.piece_length + piece, lane]
     damping = z[Z.power, lane] * z[Z.drive_damping, lane]
     if p[P.damper_site] != NO_DAMPER:
