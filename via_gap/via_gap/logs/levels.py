@@ -33,7 +33,6 @@ from typing import Any
 import numpy as np
 from scipy.linalg import toeplitz
 from scipy.optimize import nnls
-from scipy.signal import savgol_filter
 from via_core.signals import Array, Indices, Mask
 
 DEGREES = (1, 2, 3, 4, 5, 6, 8)  # of local polynomials: higher ones need too long windows
@@ -102,7 +101,7 @@ def _level(time: Array, x: Array, step: float, crossed: float, stride: int, degr
     if count < FEWEST:
         return None
     wide = 2 * min(max(2 * reach, 8), (len(x) - 1) // 2) + 1  # samples of straight lines, whose slope is the speed
-    moved, took = (savgol_filter(each, wide, 1, deriv=1) for each in (x - x[0], time - time[0]))
+    moved, took = (_slopes(each, wide) for each in (x - x[0], time - time[0]))
     speed = (moved / took)[reach // 2 : reach // 2 + count]
     span = time[reach:] - time[:count]
     usable = span < 1.5 * float(np.median(span))
@@ -134,6 +133,13 @@ def _level(time: Array, x: Array, step: float, crossed: float, stride: int, degr
     error = _solve(squares + relative * total, rounding, step) - variance
     alone = float(np.mean(rounding[:, 0]))
     return Level(stride, degree, variance, jitter, total, alone, relative * total, error, len(starts))
+
+
+def _slopes(values: Array, wide: int) -> Array:
+    """Slope (N,) per sample of the straight line through `wide` values around each; near an end, of the last ones."""
+    half = wide // 2
+    weights = np.arange(half, -half - 1, -1.0)
+    return np.pad(np.convolve(values, weights / (weights @ weights), "valid"), half, mode="edge")
 
 
 def _blocks(usable: Mask) -> tuple[Indices, int]:
