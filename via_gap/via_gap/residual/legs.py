@@ -17,7 +17,7 @@ from via_core.signals import Array, Indices
 from via_sim.lockstep.pack import LANES
 from via_sim.lockstep.run import run_many
 
-from via_gap.residual.threads import THREADS, together
+from via_gap.residual.threads import THREADS, per_call, together
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,12 @@ class Runs:
     legs: Iterator[Leg]
     count: int
     kind: tuple[float, ...]
+
+
+def divided(runs: Indices) -> list[Indices]:
+    """Runs (n, ...) of one log in pieces that fill blocks, alike on every thread."""
+    size = per_call(len(runs), LANES)
+    return [runs[first : first + size] for first in range(0, len(runs), size)]
 
 
 def simulate(runs: Sequence[Runs]) -> None:

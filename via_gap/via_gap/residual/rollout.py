@@ -26,14 +26,12 @@ from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.encoders import true_motions
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
-from via_sim.lockstep.pack import LANES
 
 from via_gap.residual.command_gaps import pulses
-from via_gap.residual.legs import Leg, Runs, simulate
+from via_gap.residual.legs import Leg, Runs, divided, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, write_history
 from via_gap.residual.segments import START, Segments, binned
-from via_gap.residual.threads import per_call
 from via_gap.residual.unseen import UnseenMotors
 
 HUGE = 1e6  # in place of an overflow
@@ -158,16 +156,14 @@ class Rollout:
             -1, 2
         )
         runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
-        size = per_call(len(runs), LANES)
         memory = states = None
         if self._all_seen:
             memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
         else:
             states = self._states_of_unseen(rows, commands)
         inputs = _Inputs(rows, self.segments.commands[None] if commands is None else commands, memory, states, offset)
-        pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
         kind = tuple(map(float, self.segments.nominal[[P.tick, P.substeps]]))
-        return out, [Runs(self._legs(inputs, chains, piece, out), len(piece), kind) for piece in pieces]
+        return out, [Runs(self._legs(inputs, chains, piece, out), len(piece), kind) for piece in divided(runs)]
 
     def _chains(self) -> Indices:
         """(n, 2): index into `chosen` of the first segment of each chain of neighbours, and their number.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, inf
+from math import ceil, exp, inf
 
 from via_core.dampers import damper_value
 from via_core.signals import Array
@@ -82,20 +82,32 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
 
 
 @bare
-def divide_tick(p: Array, late: int, steps: int, z: Array, lane: int) -> bool:
-    """Steps of a lane before and after the command of a tick arrives; whether the dead time divides ticks at all.
-
-    late  dead time in whole ticks
-    """
+def early_part(p: Array, late: int) -> float:
+    """Part of a tick [s] before its command arrives, for a dead time of `late` whole ticks and a part of one."""
     rest = p[P.delay] - late * p[P.tick]
-    if rest < 1e-9 * p[P.tick]:
-        rest = 0.0
-    for piece, duration in enumerate((rest, p[P.tick] - rest)):
-        z[Z.piece_length + piece, lane] = duration / steps
+    return rest if rest >= 1e-9 * p[P.tick] else 0.0
+
+
+@bare
+def steps_of(p: Array, late: int) -> tuple[int, int]:
+    """Steps of a tick before and after its command arrives, as many as `kernel.take_tick` takes."""
+    early = early_part(p, late) / p[P.tick]
+    if early == 0.0:
+        return 0, max(1, int(p[P.substeps]))
+    before = max(1, ceil(p[P.substeps] * early - 1e-9))
+    return before, max(1, ceil(p[P.substeps] * (1.0 - early) - 1e-9))
+
+
+@bare
+def divide_tick(p: Array, late: int, steps: tuple[int, int], z: Array, lane: int) -> None:
+    """Length of the steps of a lane and share of a lag left in them, before and after the command of a tick arrives."""
+    early = early_part(p, late)
+    for piece, duration in enumerate((early, p[P.tick] - early)):
+        h = duration / max(steps[piece], 1)
+        z[Z.piece_length + piece, lane] = h
         for moment in range(3):
-            share = 0.5 * moment * duration / steps
-            z[Z.piece_lag_left + 3 * piece + moment, lane] = exp(-share / p[P.lag]) if p[P.lag] > 0.0 else 0.0
-    return rest > 0.0
+            left = exp(-0.5 * moment * h / p[P.lag]) if p[P.lag] > 0.0 else 0.0
+            z[Z.piece_lag_left + 3 * piece + moment, lane] = left
 
 
 @bare

@@ -24,6 +24,7 @@ from via_sim.lockstep.lanes import (
     load_parameters,
     load_state,
     set_damping,
+    steps_of,
     store_inputs,
     store_state,
     take_commands,
@@ -80,7 +81,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
     """All ticks of at most LANES runs."""
     lead, z, period = runs.rows[0], work.z, runs.rows[0, P.tick]
     terms, count, together, late = terms_of(runs.rows), len(runs.rows), 0, 0
-    steps, divided = max(1, int(lead[P.substeps])), False
+    early = later = 0  # steps of a tick before and after its command arrives, enough for every lane
     for lane in range(count):
         p, x = runs.rows[lane], runs.states[lane]
         begin(p, x, work.u, work.modes[lane], work.weights[lane])
@@ -91,7 +92,11 @@ def _run_block(runs: _Runs, work: _Work) -> None:
         alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and is_supported(p)
         z[Z.joins, lane] = alike
         together, late = together + alike, late + work.modes[lane, MODE.late]
-        divided |= divide_tick(p, work.modes[lane, MODE.late], steps, z, lane)
+        if alike:
+            before, after = steps_of(p, work.modes[lane, MODE.late])
+            early, later = max(early, before), max(later, after)
+    for lane in range(count):
+        divide_tick(runs.rows[lane], work.modes[lane, MODE.late], (early, later), z, lane)
     simple = is_simple(terms)
     damped = lead[P.damper_site] != NO_DAMPER or lead[P.link_drive] == POSITION_DRIVE
     left_out = True
@@ -108,14 +113,16 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                 put(z, Z.before + row, get(z, Z.start + row))
             put(z, Z.margin, get(z, Z.joins))
             sticks = any_above(get(z, Z.stuck) + get(z, Z.stuck + 1) + get(z, Z.stuck + 2), 0.0)
-            for piece in range(0 if divided else 1, 2):  # before and after the command of this tick arrives
-                if late > 0 or divided:
+            for piece, steps in enumerate((early, later)):
+                if steps == 0:
+                    continue
+                if late + early > 0:
                     _delay(runs, tick, work, 1 - piece)
                 take_commands(lead, z, tick * period)
                 if damped or tick == 0:
                     for lane in range(count):
                         set_damping(runs.rows[lane], piece, work.weights[lane, 2 + piece], z, lane)
-                if divided or damped or tick == 0:
+                if early > 0 or damped or tick == 0:
                     begin_piece(z, piece)
                 for _ in range(steps):
                     if simple:
