@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from re import findall
 from typing import Any
 
 import pytest
@@ -49,6 +50,23 @@ def of_language(language: str) -> Any:
 def excepted(command: str) -> str | None:
     """The reason why a command does not run here; None if it does."""
     return next((reason for start, reason in EXCEPTED.items() if command.startswith(start)), None)
+
+
+def test_readme_has_the_figures_of_the_page_of_real_robots():
+    """Cases, named, silent, wrong, sizes and recordings that became worse."""
+    report = " ".join((ROOT / "docs" / "results" / "gap-real.md").read_text().split())
+    readme = " ".join((ROOT / "README.md").read_text().split())
+    named, cases = findall(r"\*\*(\d+) of (\d+) known causes named", report)[0]
+    wrong = findall(r"(\d+) answers wrong", report)[0]
+    off, sizes = findall(r"(\d+) of (\d+) sizes", report)[0]
+    worse, others = findall(r"on (\d+) of (\d+) other recordings", report)[0]
+    for stated in (
+        f"In {cases} cases from public recordings",
+        f"named the cause in {named}, missed it in {int(cases) - int(named) - int(wrong)}, and was wrong in {wrong}",
+        f"{off} of {sizes} sizes were off",
+        f"on {worse} of {others} other recordings",
+    ):
+        assert stated in readme
 
 
 @pytest.fixture(scope="module")
