@@ -105,6 +105,8 @@ class ModulatedTorqueParameters(Parameters):
     delay_deviation: float = parameter(
         0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
     )
+    creep_deviation: float = parameter(1.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
+    play_deviation: float = parameter(1.0, "standard deviation of the stiffness missing near 0", "N m/rad", 1e-9, 1e9)
     torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
@@ -129,6 +131,7 @@ class ModulatedTorque(Estimator):
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= _loss_of(device, known["stiffness_prior"])
+        known |= {"creep_deviation": 0.5 * known["stiffness_prior"], "play_deviation": known["stiffness_prior"]}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         if device.tolerances.torque_timing > 0.0:
             known["delay_deviation"] = device.tolerances.torque_timing
@@ -167,7 +170,7 @@ class ModulatedTorque(Estimator):
         shared = own.friction_deviation / sqrt(3.0)  # by the frictions that do not depend on speed
         width[: U.size] = (
             own.inertia_deviation, own.damping_deviation, shared, own.friction_deviation, shared, shared,
-            own.loss_deviation, own.delay_deviation,
+            own.loss_deviation, own.delay_deviation, own.friction_deviation, own.creep_deviation, own.play_deviation,
         )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
@@ -280,14 +283,14 @@ def _learn(
     for j in range(n):
         y -= row[j] * mean[j]
         row[j] *= width[j] / noise
-        direction[j] = mean[j] / width[j] + x[j] if U.size <= j < n - 1 else 0.0
+        direction[j] = mean[j] / width[j] + x[j] if U.creep <= j < n - 1 else 0.0
     interacting_models.take(
         equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
     reported[:], uncertain[:, :] = x, covariance
-    for j in (U.long, U.short, U.loss):
+    for j in (U.long, U.short, U.loss, U.hysteresis, U.creep, U.play):
         nested.allow(reported, uncertain, j, -mean[j] / width[j])
     kept[KEPT.returning] = interacting_models.returning(equation, n)
     quarter = length // (2 * ROWS_PER_WINDOW)
@@ -354,7 +357,7 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             ring[i, THETA, slot], ring[i, TAU, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
             ring[i, PHI, slot] = rows[k, 1] - rows[k, 2 + 2 * i]
             before = slot - 1 if slot > 0 else length - 1
-            torque_equation.slide(ring[i], before if entered == window.TAKEN else -1, slot)
+            torque_equation.slide(ring[i], before if entered == window.TAKEN else -1, slot, times[slot] - times[before])
         full = state[HEADER.filled] == length
         schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
         due = full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1

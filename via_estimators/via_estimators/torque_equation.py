@@ -6,7 +6,7 @@ Source and equation: `modulated_torque`. Unknowns are U, then the coefficients a
 
 from __future__ import annotations
 
-from math import sqrt
+from math import exp, sqrt
 
 from numba import njit
 from via_core.signals import Array
@@ -24,11 +24,13 @@ P = slots(
     "torque_scale_deviation", "steadiness",
 )  # fmt: skip
 # Followed by the coefficients of the spring law. Dry friction is the sum of the four from `friction` to `long`.
-U = slots("inertia", "damping", "friction", "slow", "short", "long", "loss", "delay")
+U = slots("inertia", "damping", "friction", "slow", "short", "long", "loss", "delay", "hysteresis", "creep", "play")
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 SHORT, LONG = 2e-3, 2e-2  # [rad] travel over which the frictions `short` and `long` build up
-COLUMNS = 5  # of a transmission in the ring
-THETA, TAU, PHI, ON_SHORT, ON_LONG = range(COLUMNS)
+CREEP = 0.5  # [s] in which a part of the spring relaxes
+PLAY = 5e-3  # [rad] deflection within which a spring may be softer
+COLUMNS = 7  # of a transmission in the ring
+THETA, TAU, PHI, ON_SHORT, ON_LONG, CREPT, ON_SPRING = range(COLUMNS)
 
 
 @njit(cache=True, error_model="numpy")
@@ -62,11 +64,17 @@ def _friction(theta: Array, psi: Array, quantum: float, step: float) -> tuple[fl
 
 
 @njit(cache=True, error_model="numpy")
-def slide(ring: Array, before: int, slot: int) -> None:
+def slide(ring: Array, before: int, slot: int, step: float) -> None:
     """Write the share of friction built up at `slot` of a ring (5, L), after the sample at `before`; < 0: from none."""
     if before < 0:
         ring[ON_SHORT, slot] = ring[ON_LONG, slot] = 0.0
+        ring[CREPT, slot] = ring[PHI, slot]
+        ring[ON_SPRING, slot] = 0.0
         return
+    bent = ring[PHI, slot] - ring[PHI, before]
+    ring[ON_SPRING, slot] = min(max(ring[ON_SPRING, before] + bent / LONG, -1.0), 1.0)
+    middle = 0.5 * (ring[PHI, slot] + ring[PHI, before])
+    ring[CREPT, slot] = middle + (ring[CREPT, before] - middle) * exp(-step / CREEP)
     moved = ring[THETA, slot] - ring[THETA, before]
     ring[ON_SHORT, slot] = min(max(ring[ON_SHORT, before] + moved / SHORT, -1.0), 1.0)
     ring[ON_LONG, slot] = min(max(ring[ON_LONG, before] + moved / LONG, -1.0), 1.0)
@@ -94,6 +102,9 @@ def fill_row(
         row[U.long] += psi[0, k] * own[ON_LONG, k]
         row[U.loss] += psi[1, k] * phi[k]
         row[U.delay] += late[k] * tau[k]
+        row[U.hysteresis] -= psi[0, k] * own[ON_SPRING, k]
+        row[U.creep] -= psi[0, k] * (phi[k] - own[CREPT, k])
+        row[U.play] -= psi[0, k] * min(max(phi[k], -PLAY), PLAY)
         z = phi[k] / scale
         weight, squared = psi[0, k] * scale, z * z
         odd, even = weight * z, weight
@@ -111,8 +122,11 @@ def fill_row(
 def stiffness(par: Array, mean: Array, width: Array, x: Array, phi: float, slope: Array) -> tuple[float, float]:
     """Stiffness [N m/rad] and its derivative by phi at phi [rad]; slope (n,) = d stiffness / dx, overwritten."""
     order, z = int(par[P.order]), phi / par[P.deflection_scale]
-    stiffness, bend = 0.0, 0.0
+    bend = 0.0
     slope[: U.size], slope[x.size - 1] = 0.0, 0.0
+    slope[U.creep] = width[U.creep]
+    slope[U.play] = width[U.play] if abs(phi) < PLAY else 0.0
+    stiffness = slope[U.creep] * x[U.creep] + slope[U.play] * x[U.play]
     for j in range(U.size, x.size - 1):
         p = power(j - U.size, order)
         share = mean[j] + width[j] * x[j]
