@@ -206,9 +206,9 @@ def _interact(
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(x: Array, P: Array, g: Array, elapsed: float, added: float, trend: float) -> None:
+def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: float, trend: float) -> None:
     """Step 2: x <- F x, P <- F P F' + Q, F = [[1, moved g], [0, keep]]; `added` variance of s, `trend` squared rate."""
-    last = x.size - 1
+    last, unsure = x.size - 1, added
     if trend > 0.0:
         keep = exp(-elapsed / PERSISTENCE)
         steady = min(elapsed, PERSISTENCE, (3.0 * FURTHEST / trend) ** (1.0 / 3.0))  # over which the trend walks
@@ -224,9 +224,10 @@ def _predict(x: Array, P: Array, g: Array, elapsed: float, added: float, trend: 
         x[last] *= keep
         P[last, last] = keep * keep * rate + trend * steady
         added = trend * steady**3 / 3.0
-    for i in range(last):
-        for k in range(last):
-            P[i, k] += added * g[i] * g[k]
+        unsure = added + moved * moved * rate
+    for i in range(first, last):
+        for k in range(first, last):
+            P[i, k] += added * g[i] * g[k] + unsure * P[i, k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -272,7 +273,7 @@ def _combine(state: Array, n: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def take(
-    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, row: Array, y: float,
+    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, first: int, row: Array, y: float,
     within: float, beside: float, wobble: float, work: Array,
 ) -> None:  # fmt: skip
     """One step to `time` [s] with the equation row' x = y; time, rows and y in any units, noise in those of y.
@@ -301,7 +302,7 @@ def take(
         added = min(walk * elapsed, FURTHEST)
         if j >= JUMPING:
             walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
-        _predict(x, P, g, elapsed, added, TRENDS[j] ** 2)
+        _predict(x, P, g, first, elapsed, added, TRENDS[j] ** 2)
         coloured = WHITE <= j < COLOURED
         own = fresh if coloured else row
         innovation, doubt = fresh_y if coloured else y, 0.0

@@ -285,7 +285,7 @@ def _learn(
         row[j] *= width[j] / noise
         direction[j] = mean[j] / width[j] + x[j] if U.creep <= j < n - 1 else 0.0
     interacting_models.take(
-        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
+        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.creep, row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
