@@ -170,7 +170,7 @@ class ModulatedTorque(Estimator):
         shared = own.friction_deviation / sqrt(3.0)  # by the frictions that do not depend on speed
         width[: U.size] = (
             own.inertia_deviation, own.damping_deviation, shared, own.friction_deviation, shared, shared,
-            own.loss_deviation, own.delay_deviation, own.friction_deviation, own.creep_deviation, own.play_deviation,
+            own.loss_deviation, own.delay_deviation, own.friction_deviation, own.creep_deviation, own.creep_deviation, own.play_deviation,
         )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
@@ -283,14 +283,14 @@ def _learn(
     for j in range(n):
         y -= row[j] * mean[j]
         row[j] *= width[j] / noise
-        direction[j] = mean[j] / width[j] + x[j] if U.creep <= j < n - 1 else 0.0
+        direction[j] = mean[j] / width[j] + x[j] if U.sudden <= j < n - 1 else 0.0
     interacting_models.take(
-        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.creep, row, y / noise,
+        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.sudden, row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
     reported[:], uncertain[:, :] = x, covariance
-    for j in (U.long, U.short, U.loss, U.hysteresis, U.creep, U.play):
+    for j in (U.long, U.short, U.loss, U.hysteresis, U.sudden, U.creep, U.play):
         nested.allow(reported, uncertain, j, -mean[j] / width[j])
     kept[KEPT.returning] = interacting_models.returning(equation, n)
     quarter = length // (2 * ROWS_PER_WINDOW)
