@@ -66,6 +66,7 @@ from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
+ABSENT = 1.0 / (2.0 ** (1.0 / 6.0) - 1.0)  # odds
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
@@ -170,7 +171,7 @@ class ModulatedTorque(Estimator):
         shared = own.friction_deviation / sqrt(3.0)  # by the frictions that do not depend on speed
         width[: U.size] = (
             own.inertia_deviation, own.damping_deviation, shared, own.friction_deviation, shared, shared,
-            own.loss_deviation, own.delay_deviation, own.friction_deviation, own.creep_deviation, own.creep_deviation, own.play_deviation,
+            own.loss_deviation, own.delay_deviation, own.friction_deviation, own.creep_deviation, own.play_deviation,
         )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
@@ -283,15 +284,15 @@ def _learn(
     for j in range(n):
         y -= row[j] * mean[j]
         row[j] *= width[j] / noise
-        direction[j] = mean[j] / width[j] + x[j] if U.sudden <= j < n - 1 else 0.0
+        direction[j] = mean[j] / width[j] + x[j] if U.creep <= j < n - 1 else 0.0
     interacting_models.take(
-        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.sudden, row, y / noise,
+        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.creep, row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
     reported[:], uncertain[:, :] = x, covariance
-    for j in (U.long, U.short, U.loss, U.hysteresis, U.sudden, U.creep, U.play):
-        nested.allow(reported, uncertain, j, -mean[j] / width[j])
+    for j in (U.long, U.short, U.loss, U.hysteresis, U.creep, U.play):
+        nested.allow(reported, uncertain, j, -mean[j] / width[j], ABSENT)
     kept[KEPT.returning] = interacting_models.returning(equation, n)
     quarter = length // (2 * ROWS_PER_WINDOW)
     for k in range(quarter, length - quarter):
@@ -321,6 +322,7 @@ def _report(
         wider * interacting_models.quadratic(covariance, slope)
         + factor * stiffness**2
         + torque_equation.truncation(par, mean, width, kept, x, covariance)
+        + torque_equation.coarseness(mean, width, x, covariance, phi)
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
     )
     learning = warming or kept[KEPT.moving] > 0.0

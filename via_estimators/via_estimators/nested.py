@@ -21,13 +21,13 @@ LARGEST = 500.0  # of |log K|, whose exponential is finite
 
 
 @njit(cache=True, error_model="numpy")
-def allow(x: Array, P: Array, j: int, a: float) -> None:
+def allow(x: Array, P: Array, j: int, a: float, odds: float) -> None:
     """Replace mean x (n,) and covariance P (n, n) by those of the mixture with the model x_j = a."""
     n, variance = x.size, P[j, j]
     if not variance > 0.0:
         return
     off = a - x[j]
-    evidence = 0.5 * (a * a - off * off / variance - log(variance))
+    evidence = log(odds) + 0.5 * (a * a - off * off / variance - log(variance))
     simpler = 1.0 / (1.0 + exp(-min(max(evidence, -LARGEST), LARGEST)))
     # P <- P - simpler g g' / variance + simpler (1 - simpler) shift shift', shift = g off / variance, g = P_j
     share = simpler * ((1.0 - simpler) * off * off / variance - 1.0) / variance

@@ -24,13 +24,14 @@ P = slots(
     "torque_scale_deviation", "steadiness",
 )  # fmt: skip
 # Followed by the coefficients of the spring law. Dry friction is the sum of the four from `friction` to `long`.
-U = slots("inertia", "damping", "friction", "slow", "short", "long", "loss", "delay", "hysteresis", "sudden", "creep", "play")
+U = slots("inertia", "damping", "friction", "slow", "short", "long", "loss", "delay", "hysteresis", "creep", "play")
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 SHORT, LONG = 2e-3, 2e-2  # [rad] travel over which the frictions `short` and `long` build up
-SUDDEN, CREEP = 0.1, 1.0  # [s] in which two parts of the spring relax
+CREEP = 0.3  # [s] in which a part of the spring relaxes
+FORM = 0.25
 PLAY = 5e-3  # [rad] deflection within which a spring may be softer
-COLUMNS = 8  # of a transmission in the ring
-THETA, TAU, PHI, ON_SHORT, ON_LONG, CREPT, ON_SPRING, SUDDENLY = range(COLUMNS)
+COLUMNS = 7  # of a transmission in the ring
+THETA, TAU, PHI, ON_SHORT, ON_LONG, CREPT, ON_SPRING = range(COLUMNS)
 
 
 @njit(cache=True, error_model="numpy")
@@ -68,13 +69,12 @@ def slide(ring: Array, before: int, slot: int, step: float) -> None:
     """Write the share of friction built up at `slot` of a ring (5, L), after the sample at `before`; < 0: from none."""
     if before < 0:
         ring[ON_SHORT, slot] = ring[ON_LONG, slot] = 0.0
-        ring[CREPT, slot] = ring[SUDDENLY, slot] = ring[PHI, slot]
+        ring[CREPT, slot] = ring[PHI, slot]
         ring[ON_SPRING, slot] = 0.0
         return
     bent = ring[PHI, slot] - ring[PHI, before]
     ring[ON_SPRING, slot] = min(max(ring[ON_SPRING, before] + bent / LONG, -1.0), 1.0)
     middle = 0.5 * (ring[PHI, slot] + ring[PHI, before])
-    ring[SUDDENLY, slot] = middle + (ring[SUDDENLY, before] - middle) * exp(-step / SUDDEN)
     ring[CREPT, slot] = middle + (ring[CREPT, before] - middle) * exp(-step / CREEP)
     moved = ring[THETA, slot] - ring[THETA, before]
     ring[ON_SHORT, slot] = min(max(ring[ON_SHORT, before] + moved / SHORT, -1.0), 1.0)
@@ -104,7 +104,6 @@ def fill_row(
         row[U.loss] += psi[1, k] * phi[k]
         row[U.delay] += late[k] * tau[k]
         row[U.hysteresis] -= psi[0, k] * own[ON_SPRING, k]
-        row[U.sudden] -= psi[0, k] * (phi[k] - own[SUDDENLY, k])
         row[U.creep] -= psi[0, k] * (phi[k] - own[CREPT, k])
         row[U.play] -= psi[0, k] * min(max(phi[k], -PLAY), PLAY)
         z = phi[k] / scale
@@ -127,9 +126,8 @@ def stiffness(par: Array, mean: Array, width: Array, x: Array, phi: float, slope
     bend = 0.0
     slope[: U.size], slope[x.size - 1] = 0.0, 0.0
     slope[U.creep] = width[U.creep]
-    slope[U.sudden] = width[U.sudden]
     slope[U.play] = width[U.play] if abs(phi) < PLAY else 0.0
-    stiffness = slope[U.sudden] * x[U.sudden] + slope[U.creep] * x[U.creep] + slope[U.play] * x[U.play]
+    stiffness = slope[U.creep] * x[U.creep] + slope[U.play] * x[U.play]
     for j in range(U.size, x.size - 1):
         p = power(j - U.size, order)
         share = mean[j] + width[j] * x[j]
@@ -151,3 +149,14 @@ def truncation(par: Array, mean: Array, width: Array, kept: Array, x: Array, cov
     if even > 1:
         total += _tail(order + even - 1, order, far, mean, width, x, covariance)
     return par[P.truncation] ** 2 * total
+
+
+@njit(cache=True, error_model="numpy")
+def coarseness(mean: Array, width: Array, x: Array, covariance: Array, phi: float) -> float:
+    """Variance of stiffness [(N m/rad)^2] due to the coarse steps of relaxation time and play."""
+    found, variance = mean[U.creep] + width[U.creep] * x[U.creep], width[U.creep] ** 2 * covariance[U.creep, U.creep]
+    total = FORM**2 * max(found * found - 4.0 * variance, 0.0)
+    if abs(phi) < 2.0 * PLAY:
+        found, variance = mean[U.play] + width[U.play] * x[U.play], width[U.play] ** 2 * covariance[U.play, U.play]
+        total += max(found * found - 4.0 * variance, 0.0)
+    return total
