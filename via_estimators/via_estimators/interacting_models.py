@@ -228,6 +228,12 @@ def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: fl
     for i in range(first, last):
         for k in range(first, last):
             P[i, k] += added * g[i] * g[k] + unsure * P[i, k]
+    if trend == 0.0 and added > 0.0:
+        size2 = 0.0
+        for i in range(first + 2, last):
+            size2 += g[i] * g[i]
+        for i in range(first + 2, last):
+            P[i, i] += 0.04 * added * size2
 
 
 @njit(cache=True, error_model="numpy")
