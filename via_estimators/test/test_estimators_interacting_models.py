@@ -72,7 +72,7 @@ def fast(equations, steadiness, within, beside, wobble, memory=MEMORY):
     state, work, answers = np.zeros(models.size(N)), models.scratch(N), []
     models.start(state, N, steadiness)
     for time, row, y, g in equations:
-        models.take(state, N, time, memory, steadiness, g, row.copy(), y, within, beside, wobble, work)
+        models.take(state, N, time, memory, steadiness, g, 0, row.copy(), y, within, beside, wobble, work)
         mean, covariance = models.estimate_of(state, N)
         answers.append((mean.copy(), covariance.copy(), models.models_of(state)[models.MODEL.probability].copy()))
     return answers
@@ -137,7 +137,7 @@ def test_coloured_noise_is_recognised_and_its_standard_deviations_match_the_scat
         state, work = np.zeros(models.size(N)), models.scratch(N)
         models.start(state, N, 0.5)
         for time, row, y, g in given:
-            models.take(state, N, time, MEMORY, 0.5, g, row.copy(), y, 1e-4, 0.0, 0.0, work)
+            models.take(state, N, time, MEMORY, 0.5, g, 0, row.copy(), y, 1e-4, 0.0, 0.0, work)
         mean, covariance = models.estimate_of(state, N)
         errors.append(mean[:3] - truth[:3])
         variances.append(np.diag(covariance)[:3])
@@ -194,7 +194,7 @@ def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
     for k in range(3000):
         time += 1e4 if k % 500 == 0 else 0.1
         row, y = np.append(rng.normal(size=3), 0.0), 1e6 if k % 300 == 0 else rng.normal()
-        models.take(state, N, time, MEMORY, 0.5, G, row, y, 1.0, 0.0, 0.01, work)
+        models.take(state, N, time, MEMORY, 0.5, G, 0, row, y, 1.0, 0.0, 0.01, work)
         _, covariance = models.estimate_of(state, N)
         probability = models.models_of(state)[models.MODEL.probability]
         assert np.all(np.isfinite(state)) and probability.sum() == pytest.approx(1.0)

@@ -172,10 +172,10 @@ def test_friction_that_builds_up_with_travel_is_not_taken_for_stiffness(travel):
 def test_a_gap_forgets_how_far_friction_had_built_up():
     ring = np.zeros((COLUMNS, 4))
     ring[THETA] = 0.0, 1e-3, 6e-3, 6e-3
-    slide(ring, -1, 0)
-    slide(ring, 0, 1)
-    slide(ring, 1, 2)
-    slide(ring, -1, 3)
+    slide(ring, -1, 0, 1e-3)
+    slide(ring, 0, 1, 1e-3)
+    slide(ring, 1, 2, 1e-3)
+    slide(ring, -1, 3, 1e-3)
     np.testing.assert_allclose(ring[ON_SHORT], [0.0, 0.5, 1.0, 0.0])
     np.testing.assert_allclose(ring[ON_LONG], [0.0, 0.05, 0.3, 0.0])
 

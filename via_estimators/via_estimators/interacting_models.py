@@ -3,7 +3,7 @@
 Source: H. A. P. Blom, Y. Bar-Shalom, The interacting multiple model algorithm for systems with Markovian switching
 coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 
-The first n - 1 unknowns x change along one direction g, which the caller renews. If g is the present
+The unknowns x from `first` to n - 2 change along one direction g, which the caller renews. If g is the present
 spring law, its scale s changes. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
 a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
 with time constant PERSISTENCE, or a jump of s since the last equation; or no change and coloured noise. Equations
@@ -18,7 +18,8 @@ One step of time dt with one equation is
                      c_j = own_j + after_j + (1 - e) rho_j,  own_j = e mu_j (jumps: 0),  after_j = e mu_jump(l) L rho_j,
                      x_j <- mean of x_j, x_jump(l) and the combined mean with weights own_j, after_j, (1 - e) rho_j,
                      P_j <- covariance of that mixture
-    2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt; a jump adds JUMP^2 = walk_j^2 dt
+    2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt; a jump adds JUMP^2 = walk_j^2 dt;
+                     P_j += (E g) (E g)' + cov g times that variance, and SHAPE^2 |g|^2 of it in each direction
     3. correction    S_j = row' P_j row + variance of e, and Kalman's gain in Joseph's form
     4. probability   mu_j ~ c_j S_j^(-1/2) exp(-(y - row' x_j)^2 / (2 S_j))
     5. combination   mean and covariance of the mixture
@@ -27,6 +28,12 @@ Since the model after a change does not depend on the one before, step 1 mixes e
 and a jump only, and a step costs K n^2. The rho of models without change sum to `steadiness`, the rest share
 1 - steadiness. A filter without change that missed one has lost its probability and is thereby set to the estimate of
 those that followed. That is the innovation test of this method: it has no limit to choose.
+
+The direction is an estimate as well: g has the covariance of x. If s changes by a random d of variance q, x + d g has
+the covariance P + q (g g' + P). With q g g' alone, a change that follows the true law would be explained by another
+shape of the law found so far, and that shape would soon be believed. A walk or a jump need not keep the shape either,
+as when a motor moves the preset of the spring: part of its variance, SHAPE^2 of g' g, is in every direction. A trend
+keeps the shape: over its long memory a shape that is free would explain everything.
 
 Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
 a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
@@ -72,6 +79,7 @@ CHANGES = (
     (0.0, 0.0),
 )
 JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
+SHAPE = 0.2  # standard deviation of each unknown in a walk or jump, over that of the scale times the length of g
 LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
 WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
@@ -209,6 +217,8 @@ def _interact(
 def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: float, trend: float) -> None:
     """Step 2: x <- F x, P <- F P F' + Q, F = [[1, moved g], [0, keep]]; `added` variance of s, `trend` squared rate."""
     last, unsure = x.size - 1, added
+    if trend == added == 0.0:
+        return
     if trend > 0.0:
         keep = exp(-elapsed / PERSISTENCE)
         steady = min(elapsed, PERSISTENCE, (3.0 * FURTHEST / trend) ** (1.0 / 3.0))  # over which the trend walks
@@ -225,15 +235,15 @@ def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: fl
         P[last, last] = keep * keep * rate + trend * steady
         added = trend * steady**3 / 3.0
         unsure = added + moved * moved * rate
+    else:
+        length = 0.0
+        for i in range(first, last):
+            length += g[i] * g[i]
+        for i in range(first, last):
+            P[i, i] += SHAPE**2 * added * length
     for i in range(first, last):
         for k in range(first, last):
             P[i, k] += added * g[i] * g[k] + unsure * P[i, k]
-    if trend == 0.0 and added > 0.0:
-        size2 = 0.0
-        for i in range(first + 2, last):
-            size2 += g[i] * g[i]
-        for i in range(first + 2, last):
-            P[i, i] += 0.04 * added * size2
 
 
 @njit(cache=True, error_model="numpy")
@@ -286,7 +296,7 @@ def take(
 
     memory          [s] mean time between changes of the model
     steadiness      prior probability that x does not change
-    g               (n,) change of x per unit of the scale, the last 0
+    g, first        (n,) change of x per unit of the scale, 0 before `first` and in the end
     within, beside  variance of y: per unit of noise, and the known part
     wobble          [s] variance, over the equation's window, of a random walk of rate 1 about its middle
     work            `scratch`

@@ -6,6 +6,7 @@ both ends of a window (Prop. 1):
 
     <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + G <sat(thd / v_s), psi>
                  + sum_l F_l <z_l, psi> + g <phi, psi'> + d <tau, psi'> - sum_p a_p <f_p(phi), psi>
+                 - <hysteresis, psi> - <creep, psi> - <play, psi>
 
 with f_p = s (phi/s)^p / p, f_0 = s, so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of
 stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned
@@ -26,8 +27,8 @@ correlation is .04), and still they use 91 % of the information in all samples. 
 window, half a window ago: up to the present sample the estimate is continued with its trend, and its standard deviation
 grows by what the spring may have changed since.
 
-F_l and g have no effect on many joints, and unknowns cost accuracy. So what is reported allows for the models without
-them, each as probable as the one with it before any data (`nested`).
+Hysteresis, creep and play of the transmission are three more unknowns (`torque_equation`). With F_l and g, they have no
+effect on many joints, and unknowns cost accuracy. So what is reported allows for the models without them (`nested`).
 
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
@@ -66,11 +67,12 @@ from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
-ABSENT = 1.0 / (2.0 ** (1.0 / 6.0) - 1.0)  # odds
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
+EFFECTS = (U.long, U.short, U.loss, U.hysteresis, U.creep, U.play)  # that may be absent
+ABSENT = nested.odds_of(len(EFFECTS))
 RELAXATION = 0.01  # [s] standard deviation of damping over stiffness of a spring: rubber has some milliseconds
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative,
@@ -106,8 +108,8 @@ class ModulatedTorqueParameters(Parameters):
     delay_deviation: float = parameter(
         0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
     )
-    creep_deviation: float = parameter(1.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
-    play_deviation: float = parameter(1.0, "standard deviation of the stiffness missing near 0", "N m/rad", 1e-9, 1e9)
+    creep_deviation: float = parameter(10.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
+    play_deviation: float = parameter(20.0, "standard deviation of the stiffness missing near 0", "N m/rad", 1e-9, 1e9)
     torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
@@ -291,7 +293,7 @@ def _learn(
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
     reported[:], uncertain[:, :] = x, covariance
-    for j in (U.long, U.short, U.loss, U.hysteresis, U.creep, U.play):
+    for j in EFFECTS:
         nested.allow(reported, uncertain, j, -mean[j] / width[j], ABSENT)
     kept[KEPT.returning] = interacting_models.returning(equation, n)
     quarter = length // (2 * ROWS_PER_WINDOW)
@@ -322,7 +324,7 @@ def _report(
         wider * interacting_models.quadratic(covariance, slope)
         + factor * stiffness**2
         + torque_equation.truncation(par, mean, width, kept, x, covariance)
-        + torque_equation.coarseness(mean, width, x, covariance, phi)
+        + torque_equation.coarseness(width, x, covariance, phi)
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
     )
     learning = warming or kept[KEPT.moving] > 0.0
