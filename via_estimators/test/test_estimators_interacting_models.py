@@ -6,6 +6,7 @@ from via_estimators import interacting_models as models
 
 N, PERIOD, MEMORY = 4, 0.1, 60.0  # three coefficients and the trend
 G = np.array([1.0, -0.5, 2.0, 0.0])
+SPRING = np.diag([1.0, 1.0, 1.0, 0.0])  # of the unknowns that change
 
 
 def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
@@ -35,15 +36,18 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
             if models.TRENDS[j] == 0.0:
                 x[j][-1] = P[j][-1, :] = P[j][:, -1] = 0.0
                 walked = min(models.WALKS[j] ** 2 * dt, models.FURTHEST)
-                P[j] += (models.JUMP**2 if jumped else walked) * np.outer(g, g)
+                added = models.JUMP**2 if jumped else walked
+                P[j] += added * (np.outer(g, g) + P[j] + models.SHAPE**2 * (g @ g) * SPRING)
             else:
                 F, q = np.eye(N), models.TRENDS[j] ** 2
                 F[:, -1] += models.PERSISTENCE * (1.0 - np.exp(-dt / models.PERSISTENCE)) * g
                 F[-1, -1] = np.exp(-dt / models.PERSISTENCE)
                 unit = np.eye(N)[-1]
                 w = min(dt, models.PERSISTENCE, np.cbrt(3.0 * models.FURTHEST / q))
-                Q = w**3 / 3.0 * np.outer(g, g) + 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g))
-                x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * (Q + w * np.outer(unit, unit))
+                Q = 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g)) + w * np.outer(unit, unit)
+                unsure = q * w**3 / 3.0 + models.PERSISTENCE**2 * (1.0 - F[-1, -1]) ** 2 * P[j][-1, -1]
+                x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * Q
+                P[j] += q * w**3 / 3.0 * np.outer(g, g) + unsure * SPRING @ P[j] @ SPRING
             walk = models.JUMP**2 / max(dt, wobble, models.NEVER) if jumped else models.WALKS[j] ** 2
             colour = j // len(models.LEVELS) == 1 and dt > 0.0
             r = np.exp(-dt / models.CORRELATION) if colour else 0.0

@@ -136,8 +136,9 @@ def test_a_torque_that_is_late_or_early_is_recognised(late):
     later = shifted[:, 0] > 3.0
     _, estimates = ONE.run_rows(shifted)
     assert np.abs(estimates.value[:, 0] - truth[10:-10])[later].max() < 2e-3 * truth.max()
-    # Friction and damping of the transmission would imitate a part of the delay.
-    punctual = replace(ONE.parameters, delay_deviation=1e-9, loss_deviation=1e-9, friction_deviation=1e-9)
+    # Friction, damping and creep of the transmission would imitate a part of the delay.
+    absent = dict.fromkeys(("delay_deviation", "loss_deviation", "friction_deviation", "creep_deviation"), 1e-9)
+    punctual = replace(ONE.parameters, **absent)
     _, fixed = ModulatedTorque(punctual).run_rows(shifted)
     assert np.abs(fixed.value[:, 0] - truth[10:-10])[later].max() > 0.02 * truth.max()
 

@@ -79,7 +79,7 @@ CHANGES = (
     (0.0, 0.0),
 )
 JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
-SHAPE = 0.2  # standard deviation of each unknown in a walk or jump, over that of the scale times the length of g
+SHAPE = 0.08  # standard deviation of each unknown in a walk or jump, over that of the scale times the length of g
 LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
 WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
@@ -216,7 +216,7 @@ def _interact(
 @njit(cache=True, error_model="numpy")
 def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: float, trend: float) -> None:
     """Step 2: x <- F x, P <- F P F' + Q, F = [[1, moved g], [0, keep]]; `added` variance of s, `trend` squared rate."""
-    last, unsure = x.size - 1, added
+    last, unsure, free = x.size - 1, added, 0.0
     if trend == added == 0.0:
         return
     if trend > 0.0:
@@ -236,14 +236,12 @@ def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: fl
         added = trend * steady**3 / 3.0
         unsure = added + moved * moved * rate
     else:
-        length = 0.0
         for i in range(first, last):
-            length += g[i] * g[i]
-        for i in range(first, last):
-            P[i, i] += SHAPE**2 * added * length
+            free += SHAPE**2 * added * g[i] * g[i]
     for i in range(first, last):
         for k in range(first, last):
             P[i, k] += added * g[i] * g[k] + unsure * P[i, k]
+        P[i, i] += free
 
 
 @njit(cache=True, error_model="numpy")
