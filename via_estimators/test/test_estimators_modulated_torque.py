@@ -502,3 +502,54 @@ def test_an_effect_missing_in_the_equation_is_in_the_interval(effect):
     counted = (rows[:, 0] > 3.0) & (estimates.status == Status.OK)
     assert counted.mean() > 0.5
     assert np.mean(np.abs(value - truth)[counted] <= 1.96 * sd[counted]) >= 0.85
+
+
+def relaxing(t, phi, time):
+    """phi less what has relaxed of it, dx = (phi - x) dt / time, at rest before."""
+    x = np.empty_like(phi)
+    x[0] = phi[0]
+    for k in range(1, len(t)):
+        x[k] = phi[k] + (x[k - 1] - phi[k]) * np.exp((t[k - 1] - t[k]) / time)
+    return phi - x
+
+
+@pytest.mark.parametrize("time", [0.3, 0.5, 1.0])
+def test_the_stiffness_of_a_creeping_spring_is_that_of_a_sudden_deflection(time):
+    """Relaxation by .1 N m/rad in each transmission, about a third of the stiffness."""
+    rows, elastic = disturbed(lambda t, phi, theta: 0.1 * relaxing(t, phi, time))
+    truth = elastic + 2 * 0.1
+    _, estimates = ModulatedTorque.from_device(load_device("qbmove_a")).run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    counted = (rows[:, 0] > 3.0) & (estimates.status == Status.OK)
+    error = (value - truth)[counted]
+    assert counted.mean() > 0.5
+    assert np.mean(np.abs(error) <= 1.96 * sd[counted]) >= 0.85
+    assert np.sqrt(np.mean(error**2) / np.mean(truth[counted] ** 2)) < 0.15
+
+
+def test_backlash_is_not_taken_for_a_softer_spring():
+    rows, _ = changing(CONSTANT)
+    phi = rows[:, 1] - rows[:, 2]
+    beyond = np.sign(phi) * np.maximum(np.abs(phi) - 0.006, 0.0)
+    rows[:, 3] += 8.0 * (phi - beyond) + 5.0 * (phi**3 - beyond**3)
+    truth = np.where(beyond != 0.0, 8.0 + 15.0 * beyond**2, 0.0)
+    _, estimates = ALERT.run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    later = rows[:, 0] > 3.0
+    assert np.mean(np.abs(value - truth)[later] <= 1.96 * sd[later]) >= 0.9
+    engaged = later & (np.abs(phi) > 0.02)
+    assert np.abs(value - truth)[engaged].mean() < 0.005 * truth[engaged].mean()
+
+
+def test_a_step_that_changes_the_shape_of_the_spring_law_is_followed():
+    """As by the preset of a serial joint: the linear part of 8 phi + 5 phi^3 steps by 60 %, the cubic one stays."""
+    rows, truth = changing(CONSTANT)
+    step = 8.0 * np.where(rows[:, 0] % 8.0 < 4.0, 0.0, 0.6)
+    rows[:, 3] -= step * (rows[:, 1] - rows[:, 2])
+    truth = truth + step
+    _, estimates = ALERT.run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    later = (rows[:, 0] > 3.0) & (estimates.status == Status.OK)
+    assert np.mean(np.abs(value - truth)[later] <= 1.96 * sd[later]) >= 0.85
+    settled = later & (rows[:, 0] % 4.0 > 1.0)
+    assert np.sqrt(np.mean((value - truth)[settled] ** 2) / np.mean(truth[settled] ** 2)) < 0.02

@@ -30,10 +30,10 @@ and a jump only, and a step costs K n^2. The rho of models without change sum to
 those that followed. That is the innovation test of this method: it has no limit to choose.
 
 The direction is an estimate as well: g has the covariance of x. If s changes by a random d of variance q, x + d g has
-the covariance P + q (g g' + P). With q g g' alone, a change that follows the true law would be explained by another
-shape of the law found so far, and that shape would soon be believed. A walk or a jump need not keep the shape either,
-as when a motor moves the preset of the spring: part of its variance, SHAPE^2 of g' g, is in every direction. A trend
-keeps the shape: over its long memory a shape that is free would explain everything.
+the covariance P + q (g g' + P). With q g g' alone, a change along the true direction would be taken for a change of the
+estimated spring law's shape, with intervals that are too narrow. A walk or a jump may also change the shape, as when a
+motor moves the preset of the spring: a part SHAPE^2 g' g of its variance is in every direction. A trend, which has a
+long memory, keeps the shape.
 
 Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
 a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
