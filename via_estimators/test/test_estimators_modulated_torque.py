@@ -551,5 +551,5 @@ def test_a_step_that_changes_the_shape_of_the_spring_law_is_followed():
     value, sd = estimates.column("stiffness")
     later = (rows[:, 0] > 3.0) & (estimates.status == Status.OK)
     assert np.mean(np.abs(value - truth)[later] <= 1.96 * sd[later]) >= 0.85
-    settled = later & (rows[:, 0] % 4.0 > 1.0)
-    assert np.sqrt(np.mean((value - truth)[settled] ** 2) / np.mean(truth[settled] ** 2)) < 0.02
+    followed = later & (rows[:, 0] % 4.0 > 1.0)
+    assert np.sqrt(np.mean((value - truth)[followed] ** 2) / np.mean(truth[followed] ** 2)) < 0.02
