@@ -6,6 +6,7 @@ from via_estimators import interacting_models as models
 
 N, PERIOD, MEMORY = 4, 0.1, 60.0  # three coefficients and the trend
 G = np.array([1.0, -0.5, 2.0, 0.0])
+SPRING = np.diag([1.0, 1.0, 1.0, 0.0])  # of the unknowns that change
 
 
 def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
@@ -35,15 +36,18 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
             if models.TRENDS[j] == 0.0:
                 x[j][-1] = P[j][-1, :] = P[j][:, -1] = 0.0
                 walked = min(models.WALKS[j] ** 2 * dt, models.FURTHEST)
-                P[j] += (models.JUMP**2 if jumped else walked) * np.outer(g, g)
+                added = models.JUMP**2 if jumped else walked
+                P[j] += added * (np.outer(g, g) + P[j] + models.SHAPE**2 * (g @ g) * SPRING)
             else:
                 F, q = np.eye(N), models.TRENDS[j] ** 2
                 F[:, -1] += models.PERSISTENCE * (1.0 - np.exp(-dt / models.PERSISTENCE)) * g
                 F[-1, -1] = np.exp(-dt / models.PERSISTENCE)
                 unit = np.eye(N)[-1]
                 w = min(dt, models.PERSISTENCE, np.cbrt(3.0 * models.FURTHEST / q))
-                Q = w**3 / 3.0 * np.outer(g, g) + 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g))
-                x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * (Q + w * np.outer(unit, unit))
+                Q = 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g)) + w * np.outer(unit, unit)
+                unsure = q * w**3 / 3.0 + models.PERSISTENCE**2 * (1.0 - F[-1, -1]) ** 2 * P[j][-1, -1]
+                x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * Q
+                P[j] += q * w**3 / 3.0 * np.outer(g, g) + unsure * SPRING @ P[j] @ SPRING
             walk = models.JUMP**2 / max(dt, wobble, models.NEVER) if jumped else models.WALKS[j] ** 2
             colour = j // len(models.LEVELS) == 1 and dt > 0.0
             r = np.exp(-dt / models.CORRELATION) if colour else 0.0
@@ -72,7 +76,7 @@ def fast(equations, steadiness, within, beside, wobble, memory=MEMORY):
     state, work, answers = np.zeros(models.size(N)), models.scratch(N), []
     models.start(state, N, steadiness)
     for time, row, y, g in equations:
-        models.take(state, N, time, memory, steadiness, g, row.copy(), y, within, beside, wobble, work)
+        models.take(state, N, time, memory, steadiness, g, 0, row.copy(), y, within, beside, wobble, work)
         mean, covariance = models.estimate_of(state, N)
         answers.append((mean.copy(), covariance.copy(), models.models_of(state)[models.MODEL.probability].copy()))
     return answers
@@ -137,7 +141,7 @@ def test_coloured_noise_is_recognised_and_its_standard_deviations_match_the_scat
         state, work = np.zeros(models.size(N)), models.scratch(N)
         models.start(state, N, 0.5)
         for time, row, y, g in given:
-            models.take(state, N, time, MEMORY, 0.5, g, row.copy(), y, 1e-4, 0.0, 0.0, work)
+            models.take(state, N, time, MEMORY, 0.5, g, 0, row.copy(), y, 1e-4, 0.0, 0.0, work)
         mean, covariance = models.estimate_of(state, N)
         errors.append(mean[:3] - truth[:3])
         variances.append(np.diag(covariance)[:3])
@@ -194,7 +198,7 @@ def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
     for k in range(3000):
         time += 1e4 if k % 500 == 0 else 0.1
         row, y = np.append(rng.normal(size=3), 0.0), 1e6 if k % 300 == 0 else rng.normal()
-        models.take(state, N, time, MEMORY, 0.5, G, row, y, 1.0, 0.0, 0.01, work)
+        models.take(state, N, time, MEMORY, 0.5, G, 0, row, y, 1.0, 0.0, 0.01, work)
         _, covariance = models.estimate_of(state, N)
         probability = models.models_of(state)[models.MODEL.probability]
         assert np.all(np.isfinite(state)) and probability.sum() == pytest.approx(1.0)

@@ -136,8 +136,9 @@ def test_a_torque_that_is_late_or_early_is_recognised(late):
     later = shifted[:, 0] > 3.0
     _, estimates = ONE.run_rows(shifted)
     assert np.abs(estimates.value[:, 0] - truth[10:-10])[later].max() < 2e-3 * truth.max()
-    # Friction and damping of the transmission would imitate a part of the delay.
-    punctual = replace(ONE.parameters, delay_deviation=1e-9, loss_deviation=1e-9, friction_deviation=1e-9)
+    # Friction, damping and creep of the transmission would imitate a part of the delay.
+    absent = dict.fromkeys(("delay_deviation", "loss_deviation", "friction_deviation", "creep_deviation"), 1e-9)
+    punctual = replace(ONE.parameters, **absent)
     _, fixed = ModulatedTorque(punctual).run_rows(shifted)
     assert np.abs(fixed.value[:, 0] - truth[10:-10])[later].max() > 0.02 * truth.max()
 
@@ -172,10 +173,10 @@ def test_friction_that_builds_up_with_travel_is_not_taken_for_stiffness(travel):
 def test_a_gap_forgets_how_far_friction_had_built_up():
     ring = np.zeros((COLUMNS, 4))
     ring[THETA] = 0.0, 1e-3, 6e-3, 6e-3
-    slide(ring, -1, 0)
-    slide(ring, 0, 1)
-    slide(ring, 1, 2)
-    slide(ring, -1, 3)
+    slide(ring, -1, 0, 1e-3)
+    slide(ring, 0, 1, 1e-3)
+    slide(ring, 1, 2, 1e-3)
+    slide(ring, -1, 3, 1e-3)
     np.testing.assert_allclose(ring[ON_SHORT], [0.0, 0.5, 1.0, 0.0])
     np.testing.assert_allclose(ring[ON_LONG], [0.0, 0.05, 0.3, 0.0])
 
@@ -501,3 +502,54 @@ def test_an_effect_missing_in_the_equation_is_in_the_interval(effect):
     counted = (rows[:, 0] > 3.0) & (estimates.status == Status.OK)
     assert counted.mean() > 0.5
     assert np.mean(np.abs(value - truth)[counted] <= 1.96 * sd[counted]) >= 0.85
+
+
+def relaxing(t, phi, time):
+    """phi less what has relaxed of it, dx = (phi - x) dt / time, at rest before."""
+    x = np.empty_like(phi)
+    x[0] = phi[0]
+    for k in range(1, len(t)):
+        x[k] = phi[k] + (x[k - 1] - phi[k]) * np.exp((t[k - 1] - t[k]) / time)
+    return phi - x
+
+
+@pytest.mark.parametrize("time", [0.3, 0.5])
+def test_the_stiffness_of_a_creeping_spring_is_that_of_a_sudden_deflection(time):
+    """Relaxation by .1 N m/rad in each transmission, about a third of the stiffness."""
+    rows, elastic = disturbed(lambda t, phi, theta: 0.1 * relaxing(t, phi, time))
+    truth = elastic + 2 * 0.1
+    _, estimates = ModulatedTorque.from_device(load_device("qbmove_a")).run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    counted = (rows[:, 0] > 3.0) & (estimates.status == Status.OK)
+    error = (value - truth)[counted]
+    assert counted.mean() > 0.5
+    assert np.mean(np.abs(error) <= 1.96 * sd[counted]) >= 0.85
+    assert np.sqrt(np.mean(error**2) / np.mean(truth[counted] ** 2)) < 0.15
+
+
+def test_backlash_is_not_taken_for_a_softer_spring():
+    rows, _ = changing(CONSTANT)
+    phi = rows[:, 1] - rows[:, 2]
+    beyond = np.sign(phi) * np.maximum(np.abs(phi) - 0.006, 0.0)
+    rows[:, 3] += 8.0 * (phi - beyond) + 5.0 * (phi**3 - beyond**3)
+    truth = np.where(beyond != 0.0, 8.0 + 15.0 * beyond**2, 0.0)
+    _, estimates = ALERT.run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    later = rows[:, 0] > 3.0
+    assert np.mean(np.abs(value - truth)[later] <= 1.96 * sd[later]) >= 0.9
+    engaged = later & (np.abs(phi) > 0.02)
+    assert np.abs(value - truth)[engaged].mean() < 0.005 * truth[engaged].mean()
+
+
+def test_a_step_that_changes_the_shape_of_the_spring_law_is_followed():
+    """As by the preset of a serial joint: the linear part of 8 phi + 5 phi^3 steps by 60 %, the cubic one stays."""
+    rows, truth = changing(CONSTANT)
+    step = 8.0 * np.where(rows[:, 0] % 8.0 < 4.0, 0.0, 0.6)
+    rows[:, 3] -= step * (rows[:, 1] - rows[:, 2])
+    truth = truth + step
+    _, estimates = ALERT.run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    later = (rows[:, 0] > 3.0) & (estimates.status == Status.OK)
+    assert np.mean(np.abs(value - truth)[later] <= 1.96 * sd[later]) >= 0.85
+    followed = later & (rows[:, 0] % 4.0 > 1.0)
+    assert np.sqrt(np.mean((value - truth)[followed] ** 2) / np.mean(truth[followed] ** 2)) < 0.02

@@ -37,6 +37,8 @@ def test_standard_deviations_match_empirical_ones_with_encoder_noise(inertia, da
             truncation=0.0,
             steadiness=1.0,
             delay_deviation=1e-9,  # times the damping, it acts as inertia: doubt about it would widen the interval
+            creep_deviation=1e-9,  # so would doubt about these
+            play_deviation=1e-9,
             inertia_deviation=1.0,
             torque_noise=torque_noise,
             position_noise=NOISE,

@@ -3,7 +3,7 @@
 Source: H. A. P. Blom, Y. Bar-Shalom, The interacting multiple model algorithm for systems with Markovian switching
 coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 
-The first n - 1 unknowns x change along one direction g, which the caller renews. If g is the present
+The unknowns x from `first` to n - 2 change along one direction g, which the caller renews. If g is the present
 spring law, its scale s changes. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
 a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
 with time constant PERSISTENCE, or a jump of s since the last equation; or no change and coloured noise. Equations
@@ -18,7 +18,8 @@ One step of time dt with one equation is
                      c_j = own_j + after_j + (1 - e) rho_j,  own_j = e mu_j (jumps: 0),  after_j = e mu_jump(l) L rho_j,
                      x_j <- mean of x_j, x_jump(l) and the combined mean with weights own_j, after_j, (1 - e) rho_j,
                      P_j <- covariance of that mixture
-    2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt; a jump adds JUMP^2 = walk_j^2 dt
+    2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt; a jump adds JUMP^2 = walk_j^2 dt;
+                     P_j += (E g) (E g)' + cov g times that variance, and SHAPE^2 |g|^2 of it in each direction
     3. correction    S_j = row' P_j row + variance of e, and Kalman's gain in Joseph's form
     4. probability   mu_j ~ c_j S_j^(-1/2) exp(-(y - row' x_j)^2 / (2 S_j))
     5. combination   mean and covariance of the mixture
@@ -27,6 +28,12 @@ Since the model after a change does not depend on the one before, step 1 mixes e
 and a jump only, and a step costs K n^2. The rho of models without change sum to `steadiness`, the rest share
 1 - steadiness. A filter without change that missed one has lost its probability and is thereby set to the estimate of
 those that followed. That is the innovation test of this method: it has no limit to choose.
+
+The direction is an estimate as well: g has the covariance of x. If s changes by a random d of variance q, x + d g has
+the covariance P + q (g g' + P). With q g g' alone, a change along the true direction would be taken for a change of the
+estimated spring law's shape, with intervals that are too narrow. A walk or a jump may also change the shape, as when a
+motor moves the preset of the spring: a part SHAPE^2 g' g of its variance is in every direction. A trend, which has a
+long memory, keeps the shape.
 
 Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
 a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
@@ -72,6 +79,7 @@ CHANGES = (
     (0.0, 0.0),
 )
 JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
+SHAPE = 0.08  # standard deviation of each unknown in a walk or jump, over that of the scale times the length of g
 LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
 WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
@@ -206,9 +214,11 @@ def _interact(
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(x: Array, P: Array, g: Array, elapsed: float, added: float, trend: float) -> None:
+def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: float, trend: float) -> None:
     """Step 2: x <- F x, P <- F P F' + Q, F = [[1, moved g], [0, keep]]; `added` variance of s, `trend` squared rate."""
-    last = x.size - 1
+    last, unsure, free = x.size - 1, added, 0.0
+    if trend == added == 0.0:
+        return
     if trend > 0.0:
         keep = exp(-elapsed / PERSISTENCE)
         steady = min(elapsed, PERSISTENCE, (3.0 * FURTHEST / trend) ** (1.0 / 3.0))  # over which the trend walks
@@ -224,9 +234,14 @@ def _predict(x: Array, P: Array, g: Array, elapsed: float, added: float, trend: 
         x[last] *= keep
         P[last, last] = keep * keep * rate + trend * steady
         added = trend * steady**3 / 3.0
-    for i in range(last):
-        for k in range(last):
-            P[i, k] += added * g[i] * g[k]
+        unsure = added + moved * moved * rate
+    else:
+        for i in range(first, last):
+            free += SHAPE**2 * added * g[i] * g[i]
+    for i in range(first, last):
+        for k in range(first, last):
+            P[i, k] += added * g[i] * g[k] + unsure * P[i, k]
+        P[i, i] += free
 
 
 @njit(cache=True, error_model="numpy")
@@ -272,14 +287,14 @@ def _combine(state: Array, n: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def take(
-    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, row: Array, y: float,
+    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, first: int, row: Array, y: float,
     within: float, beside: float, wobble: float, work: Array,
 ) -> None:  # fmt: skip
     """One step to `time` [s] with the equation row' x = y; time, rows and y in any units, noise in those of y.
 
     memory          [s] mean time between changes of the model
     steadiness      prior probability that x does not change
-    g               (n,) change of x per unit of the scale, the last 0
+    g, first        (n,) change of x per unit of the scale, 0 before `first` and in the end
     within, beside  variance of y: per unit of noise, and the known part
     wobble          [s] variance, over the equation's window, of a random walk of rate 1 about its middle
     work            `scratch`
@@ -301,7 +316,7 @@ def take(
         added = min(walk * elapsed, FURTHEST)
         if j >= JUMPING:
             walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
-        _predict(x, P, g, elapsed, added, TRENDS[j] ** 2)
+        _predict(x, P, g, first, elapsed, added, TRENDS[j] ** 2)
         coloured = WHITE <= j < COLOURED
         own = fresh if coloured else row
         innovation, doubt = fresh_y if coloured else y, 0.0

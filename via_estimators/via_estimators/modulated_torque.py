@@ -6,6 +6,7 @@ both ends of a window (Prop. 1):
 
     <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + G <sat(thd / v_s), psi>
                  + sum_l F_l <z_l, psi> + g <phi, psi'> + d <tau, psi'> - sum_p a_p <f_p(phi), psi>
+                 - <hysteresis, psi> - <creep, psi> - <play, psi>
 
 with f_p = s (phi/s)^p / p, f_0 = s, so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of
 stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned
@@ -26,8 +27,8 @@ correlation is .04), and still they use 91 % of the information in all samples. 
 window, half a window ago: up to the present sample the estimate is continued with its trend, and its standard deviation
 grows by what the spring may have changed since.
 
-F_l and g have no effect on many joints, and unknowns cost accuracy. So what is reported allows for the models without
-them, each as probable as the one with it before any data (`nested`).
+Hysteresis, creep and play of the transmission are three more unknowns (`torque_equation`). With F_l and g, they have no
+effect on many joints, and unknowns cost accuracy. So what is reported allows for the models without them (`nested`).
 
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
@@ -70,6 +71,8 @@ ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
+EFFECTS = (U.long, U.short, U.loss, U.hysteresis, U.creep, U.play)  # that may be absent
+ABSENT = nested.odds_of(len(EFFECTS))
 RELAXATION = 0.01  # [s] standard deviation of damping over stiffness of a spring: rubber has some milliseconds
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative,
@@ -105,6 +108,8 @@ class ModulatedTorqueParameters(Parameters):
     delay_deviation: float = parameter(
         0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
     )
+    creep_deviation: float = parameter(10.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
+    play_deviation: float = parameter(20.0, "standard deviation of the stiffness missing near 0", "N m/rad", 1e-9, 1e9)
     torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
@@ -129,6 +134,7 @@ class ModulatedTorque(Estimator):
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= _loss_of(device, known["stiffness_prior"])
+        known |= {"creep_deviation": 0.5 * known["stiffness_prior"], "play_deviation": known["stiffness_prior"]}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         if device.tolerances.torque_timing > 0.0:
             known["delay_deviation"] = device.tolerances.torque_timing
@@ -167,7 +173,7 @@ class ModulatedTorque(Estimator):
         shared = own.friction_deviation / sqrt(3.0)  # by the frictions that do not depend on speed
         width[: U.size] = (
             own.inertia_deviation, own.damping_deviation, shared, own.friction_deviation, shared, shared,
-            own.loss_deviation, own.delay_deviation,
+            own.loss_deviation, own.delay_deviation, own.friction_deviation, own.creep_deviation, own.play_deviation,
         )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
@@ -280,15 +286,15 @@ def _learn(
     for j in range(n):
         y -= row[j] * mean[j]
         row[j] *= width[j] / noise
-        direction[j] = mean[j] / width[j] + x[j] if U.size <= j < n - 1 else 0.0
+        direction[j] = mean[j] / width[j] + x[j] if U.creep <= j < n - 1 else 0.0
     interacting_models.take(
-        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
+        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.creep, row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
     reported[:], uncertain[:, :] = x, covariance
-    for j in (U.long, U.short, U.loss):
-        nested.allow(reported, uncertain, j, -mean[j] / width[j])
+    for j in EFFECTS:
+        nested.allow(reported, uncertain, j, -mean[j] / width[j], ABSENT)
     kept[KEPT.returning] = interacting_models.returning(equation, n)
     quarter = length // (2 * ROWS_PER_WINDOW)
     for k in range(quarter, length - quarter):
@@ -318,6 +324,7 @@ def _report(
         wider * interacting_models.quadratic(covariance, slope)
         + factor * stiffness**2
         + torque_equation.truncation(par, mean, width, kept, x, covariance)
+        + torque_equation.coarseness(width, x, covariance, phi)
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
     )
     learning = warming or kept[KEPT.moving] > 0.0
@@ -354,7 +361,7 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             ring[i, THETA, slot], ring[i, TAU, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
             ring[i, PHI, slot] = rows[k, 1] - rows[k, 2 + 2 * i]
             before = slot - 1 if slot > 0 else length - 1
-            torque_equation.slide(ring[i], before if entered == window.TAKEN else -1, slot)
+            torque_equation.slide(ring[i], before if entered == window.TAKEN else -1, slot, times[slot] - times[before])
         full = state[HEADER.filled] == length
         schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
         due = full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1

@@ -2,11 +2,21 @@
 
 Source and equation: `modulated_torque`. Unknowns are U, then the coefficients a_p, then the trend of
 `interacting_models`; each is its prior mean plus its prior standard deviation times x.
+
+Three unknowns describe a transmission that is not a spring law of phi alone:
+
+hysteresis  H z, dz = dphi / l within -1..1, l = LONG: friction inside the spring, an elastic element that yields
+creep       k_c (phi - x), dx = (phi - x) dt / CREEP: a part of the spring relaxes. The stiffness reported is that of a
+            sudden deflection, sigma + k_c. If the relaxation time is not CREEP, least squares in motion of .1 to 5 Hz
+            find a sum sigma + k_c that is wrong by up to .35 k_c for times of .2 to 2 s: a standard deviation of
+            COARSE k_c (`coarseness`). A faster relaxation looks like damping and is no part of the stiffness.
+play        p sat(phi), within -PLAY..PLAY: a spring that is softer near 0. With backlash of any width b up to 2 PLAY,
+            p = -k b / PLAY gives the torque outside; inside 2 PLAY the stiffness is uncertain by p.
 """
 
 from __future__ import annotations
 
-from math import sqrt
+from math import exp, sqrt
 
 from numba import njit
 from via_core.signals import Array
@@ -24,11 +34,13 @@ P = slots(
     "torque_scale_deviation", "steadiness",
 )  # fmt: skip
 # Followed by the coefficients of the spring law. Dry friction is the sum of the four from `friction` to `long`.
-U = slots("inertia", "damping", "friction", "slow", "short", "long", "loss", "delay")
+U = slots("inertia", "damping", "friction", "slow", "short", "long", "loss", "delay", "hysteresis", "creep", "play")
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 SHORT, LONG = 2e-3, 2e-2  # [rad] travel over which the frictions `short` and `long` build up
-COLUMNS = 5  # of a transmission in the ring
-THETA, TAU, PHI, ON_SHORT, ON_LONG = range(COLUMNS)
+CREEP, COARSE = 0.3, 0.35  # [s]; share of the stiffness that relaxes
+PLAY = 5e-3  # [rad]
+COLUMNS = 7  # of a transmission in the ring
+THETA, TAU, PHI, ON_SHORT, ON_LONG, ON_SPRING, RELAXED = range(COLUMNS)
 
 
 @njit(cache=True, error_model="numpy")
@@ -62,14 +74,23 @@ def _friction(theta: Array, psi: Array, quantum: float, step: float) -> tuple[fl
 
 
 @njit(cache=True, error_model="numpy")
-def slide(ring: Array, before: int, slot: int) -> None:
-    """Write the share of friction built up at `slot` of a ring (5, L), after the sample at `before`; < 0: from none."""
+def slide(ring: Array, before: int, slot: int, step: float) -> None:
+    """Write the states of the friction elements and of the creeping part at `slot` of a ring (7, L).
+
+    before  sample before, < 0 if there is none: nothing is built up then, and the spring is relaxed
+    step    [s] since then
+    """
+    phi = ring[PHI, slot]
     if before < 0:
-        ring[ON_SHORT, slot] = ring[ON_LONG, slot] = 0.0
+        ring[ON_SHORT, slot] = ring[ON_LONG, slot] = ring[ON_SPRING, slot] = 0.0
+        ring[RELAXED, slot] = phi
         return
     moved = ring[THETA, slot] - ring[THETA, before]
     ring[ON_SHORT, slot] = min(max(ring[ON_SHORT, before] + moved / SHORT, -1.0), 1.0)
     ring[ON_LONG, slot] = min(max(ring[ON_LONG, before] + moved / LONG, -1.0), 1.0)
+    ring[ON_SPRING, slot] = min(max(ring[ON_SPRING, before] + (phi - ring[PHI, before]) / LONG, -1.0), 1.0)
+    middle = 0.5 * (phi + ring[PHI, before])
+    ring[RELAXED, slot] = middle + (ring[RELAXED, before] - middle) * exp(-step / CREEP)
 
 
 @njit(cache=True, error_model="numpy")
@@ -79,7 +100,7 @@ def fill_row(
     """Write the modulated equation's regressors into row (n,); returns its left side and the share without direction.
 
     span   [s] of the window
-    own    (5, L) columns of the window, oldest first
+    own    (7, L) columns of the window, oldest first
     delay  [s] estimated so far
     """
     order, scale, quantum = int(par[P.order]), par[P.deflection_scale], par[P.position_noise] * QUANTUM
@@ -94,6 +115,9 @@ def fill_row(
         row[U.long] += psi[0, k] * own[ON_LONG, k]
         row[U.loss] += psi[1, k] * phi[k]
         row[U.delay] += late[k] * tau[k]
+        row[U.hysteresis] -= psi[0, k] * own[ON_SPRING, k]
+        row[U.creep] -= psi[0, k] * (phi[k] - own[RELAXED, k])
+        row[U.play] -= psi[0, k] * min(max(phi[k], -PLAY), PLAY)
         z = phi[k] / scale
         weight, squared = psi[0, k] * scale, z * z
         odd, even = weight * z, weight
@@ -111,8 +135,10 @@ def fill_row(
 def stiffness(par: Array, mean: Array, width: Array, x: Array, phi: float, slope: Array) -> tuple[float, float]:
     """Stiffness [N m/rad] and its derivative by phi at phi [rad]; slope (n,) = d stiffness / dx, overwritten."""
     order, z = int(par[P.order]), phi / par[P.deflection_scale]
-    stiffness, bend = 0.0, 0.0
     slope[: U.size], slope[x.size - 1] = 0.0, 0.0
+    slope[U.creep] = width[U.creep]
+    slope[U.play] = width[U.play] if abs(phi) < PLAY else 0.0
+    stiffness, bend = slope[U.creep] * x[U.creep] + slope[U.play] * x[U.play], 0.0
     for j in range(U.size, x.size - 1):
         p = power(j - U.size, order)
         share = mean[j] + width[j] * x[j]
@@ -134,3 +160,18 @@ def truncation(par: Array, mean: Array, width: Array, kept: Array, x: Array, cov
     if even > 1:
         total += _tail(order + even - 1, order, far, mean, width, x, covariance)
     return par[P.truncation] ** 2 * total
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _beyond_noise(width: Array, x: Array, covariance: Array, j: int) -> float:
+    """Square of unknown j, whose prior mean is 0, less what two standard deviations explain."""
+    return width[j] ** 2 * max(x[j] * x[j] - 4.0 * covariance[j, j], 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def coarseness(width: Array, x: Array, covariance: Array, phi: float) -> float:
+    """Variance of stiffness [(N m/rad)^2] at phi [rad], since one element stands for any relaxation time or play."""
+    total = COARSE**2 * _beyond_noise(width, x, covariance, U.creep)
+    if abs(phi) < 2.0 * PLAY:
+        total += _beyond_noise(width, x, covariance, U.play)
+    return total
