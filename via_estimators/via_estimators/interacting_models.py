@@ -19,7 +19,7 @@ One step of time dt with one equation is
                      x_j <- mean of x_j, x_jump(l) and the combined mean with weights own_j, after_j, (1 - e) rho_j,
                      P_j <- covariance of that mixture
     2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt; a jump adds JUMP^2 = walk_j^2 dt;
-                     P_j += (E g) (E g)' + cov g times that variance, and SHAPE^2 |g|^2 of it in each direction
+                     P_j += g g' times that variance, and SHAPE^2 |g|^2 of it in each direction
     3. correction    S_j = row' P_j row + variance of e, and Kalman's gain in Joseph's form
     4. probability   mu_j ~ c_j S_j^(-1/2) exp(-(y - row' x_j)^2 / (2 S_j))
     5. combination   mean and covariance of the mixture
@@ -29,11 +29,8 @@ and a jump only, and a step costs K n^2. The rho of models without change sum to
 1 - steadiness. A filter without change that missed one has lost its probability and is thereby set to the estimate of
 those that followed. That is the innovation test of this method: it has no limit to choose.
 
-The direction is an estimate as well: g has the covariance of x. If s changes by a random d of variance q, x + d g has
-the covariance P + q (g g' + P). With q g g' alone, a change along the true direction would be taken for a change of the
-estimated spring law's shape, with intervals that are too narrow. A walk or a jump may also change the shape, as when a
-motor moves the preset of the spring: a part SHAPE^2 g' g of its variance is in every direction. A trend, which has a
-long memory, keeps the shape.
+A walk or a jump may also change the shape, as when a motor moves the preset of the spring: a part SHAPE^2 g' g of its
+variance is in every direction. A trend, which has a long memory, keeps the shape.
 
 Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
 a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
@@ -216,7 +213,7 @@ def _interact(
 @njit(cache=True, error_model="numpy")
 def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: float, trend: float) -> None:
     """Step 2: x <- F x, P <- F P F' + Q, F = [[1, moved g], [0, keep]]; `added` variance of s, `trend` squared rate."""
-    last, unsure, free = x.size - 1, added, 0.0
+    last, free = x.size - 1, 0.0
     if trend == added == 0.0:
         return
     if trend > 0.0:
@@ -234,13 +231,12 @@ def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: fl
         x[last] *= keep
         P[last, last] = keep * keep * rate + trend * steady
         added = trend * steady**3 / 3.0
-        unsure = added + moved * moved * rate
     else:
         for i in range(first, last):
             free += SHAPE**2 * added * g[i] * g[i]
     for i in range(first, last):
         for k in range(first, last):
-            P[i, k] += added * g[i] * g[k] + unsure * P[i, k]
+            P[i, k] += added * g[i] * g[k]
         P[i, i] += free
 
 
