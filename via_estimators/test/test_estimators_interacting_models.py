@@ -37,17 +37,15 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
                 x[j][-1] = P[j][-1, :] = P[j][:, -1] = 0.0
                 walked = min(models.WALKS[j] ** 2 * dt, models.FURTHEST)
                 added = models.JUMP**2 if jumped else walked
-                P[j] += added * (np.outer(g, g) + P[j] + models.SHAPE**2 * (g @ g) * SPRING)
+                P[j] += added * (np.outer(g, g) + models.SHAPE**2 * (g @ g) * SPRING)
             else:
                 F, q = np.eye(N), models.TRENDS[j] ** 2
                 F[:, -1] += models.PERSISTENCE * (1.0 - np.exp(-dt / models.PERSISTENCE)) * g
                 F[-1, -1] = np.exp(-dt / models.PERSISTENCE)
                 unit = np.eye(N)[-1]
                 w = min(dt, models.PERSISTENCE, np.cbrt(3.0 * models.FURTHEST / q))
-                Q = 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g)) + w * np.outer(unit, unit)
-                unsure = q * w**3 / 3.0 + models.PERSISTENCE**2 * (1.0 - F[-1, -1]) ** 2 * P[j][-1, -1]
-                x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * Q
-                P[j] += q * w**3 / 3.0 * np.outer(g, g) + unsure * SPRING @ P[j] @ SPRING
+                Q = w**3 / 3.0 * np.outer(g, g) + 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g))
+                x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * (Q + w * np.outer(unit, unit))
             walk = models.JUMP**2 / max(dt, wobble, models.NEVER) if jumped else models.WALKS[j] ** 2
             colour = j // len(models.LEVELS) == 1 and dt > 0.0
             r = np.exp(-dt / models.CORRELATION) if colour else 0.0
