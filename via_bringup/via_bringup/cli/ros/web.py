@@ -59,6 +59,11 @@ def viewer(port: int) -> Iterator[tuple[str, Any]]:
         subprocess.run([*RERUN, "analytics", "disable"], env=settings, check=True, capture_output=True)
         _check_free(port + 1)
         page = stack.enter_context(_passed_on(port, data))
+        os.environ.setdefault("RUST_LOG", "off")  # rerun would report that its server has ended
+        from rerun import RecordingStream
+
+        stream = RecordingStream("via")
+        stack.callback(stream.disconnect)  # after the server has ended: it would wait for unsent data of many joints
         server = subprocess.Popen(
             [*RERUN, "--serve-web", "--bind", HOST, "--web-viewer-port", str(page), "--port", str(port + 1),
              "--server-memory-limit", MEMORY],
@@ -66,11 +71,7 @@ def viewer(port: int) -> Iterator[tuple[str, Any]]:
         )  # fmt: skip
         stack.callback(server.wait)
         stack.callback(os.killpg, server.pid, signal.SIGTERM)  # with the program that `python -m rerun` starts
-        from rerun import RecordingStream
-
-        stream = RecordingStream("via")
         stream.connect_grpc(f"rerun+http://{data}/proxy")
-        stack.callback(stream.disconnect)
         yield f"http://{HOST}:{port}/?url={quote(f'rerun+http://{data}/proxy', safe='')}", stream
 
 
