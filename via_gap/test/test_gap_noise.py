@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of
-from scipy.signal import chirp
+from scipy.signal import chirp, savgol_filter
 from via_core.signals import Signals
+from via_gap.logs import levels
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import channel_noise, clock_of, error_correlation, log_noise
 
@@ -145,3 +146,9 @@ def test_noise_that_no_file_states_is_found_in_a_log():
     channels = {**log.measured.channels, "q": noisy}
     found = log_noise(JointLog("noisy", log.device, Signals(log.measured.time, channels, log.measured.units), None))
     assert found.channels["q"].white == pytest.approx(3.0 * FINE, rel=0.1)
+
+
+@pytest.mark.parametrize(("samples", "wide"), [(33, 33), (400, 17), (400, 73)])
+def test_speeds_are_slopes_of_straight_lines_up_to_both_ends(samples, wide):
+    values = np.cumsum(np.random.default_rng(wide).normal(size=samples))
+    assert levels._slopes(values, wide) == pytest.approx(savgol_filter(values, wide, 1, deriv=1), abs=1e-12)
