@@ -10,7 +10,10 @@ from via_gap.residual.threads import THREADS, per_call
 from via_sim.effects import Effect
 from via_sim.lockstep.pack import LANES
 
-FRICTION = Effect("coulomb_friction", "link", {"torque": 0.02})  # its lanes leave the block when the link stops
+EFFECTS = (
+    Effect("coulomb_friction", "link", {"torque": 0.02}),  # its lanes leave the block when the link stops
+    Effect("actuator_lag", "command", {"time_constant": 0.1}),  # its state goes on from segment to segment
+)
 
 
 def models(case):
@@ -32,7 +35,8 @@ def test_logs_side_by_side_have_the_bits_of_each_alone(case, monkeypatch):
     for view in views:
         nominal = view.segments.nominal
         loaded = nominal.copy()
-        FRICTION.write(loaded)
+        for effect in EFFECTS:
+            effect.write(loaded)
         rows.append(np.stack([nominal, loaded]))
     together = residuals(views, rows)
     assert max(calls) > 1  # they did share a block
