@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from via_core.spring_equations import N_COEFFICIENTS
 
+from via_sim.catalogue.sensor.encoder_eccentricity import ENCODER_HARMONICS
 from via_sim.catalogue.terms import SIGNALS
 from via_sim.joint.layout import N_COMMANDS
 from via_sim.joint.parameters import P
@@ -18,7 +19,7 @@ from via_sim.joint.terms import terms_at
 _SIZES = {
     # at the beginning of the step: motion and torques of the elements with memory, in the order of the state; these
     # rows at the beginning of the tick; motion at the stage; velocities at the midpoint
-    "start": 6, "bristle": 3, "maxwell": 2, "lagged": 3, "before": 14, "at": 6, "midpoint": 3,
+    "start": 6, "bristle": 3, "maxwell": 2, "lagged": 3, "behind": 1, "before": 15, "at": 6, "midpoint": 3,
     # torques at Krogstad's stages, and the weights of `kernel.weigh`
     "n": 3, "a": 3, "b": 3, "c": 3, "weight": 3 * PER_AXIS,
     # length of the step; the weights, lags left and lengths of both pieces of a tick, where a dead time divides it
@@ -35,9 +36,13 @@ _SIZES = {
     "sign": 3, "stuck": 3, "flank": 2, "slip": 2, "touch": 1, "joins": 1, "margin": 1,
     # intermediate values
     "spring_torque": 2, "geared_torque": 2,
-    # position drive: goal less encoder offset, 1 while it is on, torque without kd, parameters
-    "goal": 1, "power": 1, "drive_torque": 1, "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1,
-    "drive_limit": 1, "drive_gain": 1, "drive_bias": 1,
+    # position drive: commanded goal, goal that acts, 1 while the drive is on, torque without kd; at the beginning of the
+    # step the goal behind the speed limit and the goal behind the lag; 1 where there is a speed limit, 1 where there is
+    # a lag; parameters
+    "target": 1, "acting": 1, "power": 1, "drive_torque": 1, "followed": 1, "trailing": 1, "slews": 1, "lags": 1,
+    "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1, "drive_limit": 1, "drive_gain": 1, "drive_bias": 1,
+    "drive_speed_limit": 1, "lag": 1, "eccentricity": 3 * ENCODER_HARMONICS,
+    "eccentricity_order": 3 * ENCODER_HARMONICS, "eccentricity_phase": 3 * ENCODER_HARMONICS,
     # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,
     # `no_maxwell` and `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the
     # beginning, the middle and the end of a step; `preset_offset` is added to the motor's angle in a spring law
@@ -77,6 +82,6 @@ Terms = namedtuple("Terms", "axes springs kinds coefficients gravity coupled fri
 
 # First bit of each rare term: one bit per axis, transmission, or joint; of the catalogue's terms see `terms.py`.
 _Rare = namedtuple(
-    "_Rare", "bristle maxwell spring_damping wall lag loads position input hardening servo limited terms"
+    "_Rare", "bristle maxwell spring_damping wall lag loads position goal eccentric input hardening servo limited terms"
 )
-R: Any = _Rare(0, 3, 5, 6, 7, 8, 9, 10, 12, 13, 15, 16)
+R: Any = _Rare(0, 3, 5, 6, 7, 8, 9, 10, 11, 12, 14, 15, 17, 18)

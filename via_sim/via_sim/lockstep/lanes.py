@@ -11,7 +11,8 @@ from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIA
 from via_sim.joint.actuation import servo_bandwidth
 from via_sim.joint.compiled import bare
 from via_sim.joint.friction import feels_both_sides, has_friction
-from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, X
+from via_sim.joint.kernel import queued_at
+from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X
 from via_sim.joint.parameters import (
     ABSENT,
     AT_TRANSMISSION,
@@ -28,14 +29,6 @@ from via_sim.joint.torques import deflection
 from via_sim.lockstep.block import COPIED, R, Terms, Z
 from via_sim.lockstep.pack import get, put
 from via_sim.lockstep.terms import saturated, term_bits
-
-
-@bare
-def is_supported(p: Array) -> bool:
-    """Whether lockstep implements all terms of a parameter row."""
-    if p[P.link_drive] == POSITION_DRIVE:
-        return p[P.lag] <= 0.0 and p[P.drive_speed_limit] == inf and p[P.encoder_harmonics] == 0.0
-    return True
 
 
 @bare
@@ -58,6 +51,9 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
     z[Z.drive_gain, lane], z[Z.drive_bias, lane] = p[P.torque_gain], p[P.torque_bias]
     z[Z.drive_damping, lane] = p[P.drive_damping] if p[P.link_drive] == POSITION_DRIVE else 0.0
     z[Z.drive_limit, lane] = min(p[P.drive_torque_limit], p[P.saturation])
+    limited, lags = p[P.drive_speed_limit] < inf, p[P.lag] > 0.0
+    z[Z.slews, lane], z[Z.drive_speed_limit, lane] = limited, p[P.drive_speed_limit] if limited else 1.0
+    z[Z.lags, lane], z[Z.lag, lane] = lags, p[P.lag] if lags else 1.0
     for i in range(2):
         z[Z.pretension_offset + i, lane] = p[P.pretension_offset + i] if p[P.serial] == 0.0 else 0.0
         z[Z.preset_offset + i, lane] = p[P.pretension_offset + i]
@@ -111,8 +107,8 @@ def divide_tick(p: Array, late: int, steps: tuple[int, int], z: Array, lane: int
 
 
 @bare
-def load_state(p: Array, x: Array, z: Array, lane: int) -> None:
-    """Copy state x into its lane."""
+def load_state(p: Array, x: Array, late: int, z: Array, lane: int) -> None:
+    """Copy state x into its lane, for a dead time of `late` whole ticks."""
     for i in range(6):
         z[Z.start + i, lane] = x[i]
     for axis in range(3):
@@ -123,6 +119,8 @@ def load_state(p: Array, x: Array, z: Array, lane: int) -> None:
         z[Z.sign + axis, lane], z[Z.stuck + axis, lane] = sign, stuck
         z[Z.bristle + axis, lane] = x[X.bristle + axis] if p[P.bristle_torque + axis] > 0.0 else 0.0
         z[Z.lagged + axis, lane] = x[X.lag + axis]
+    last = queued_at(x, int(x[X.tick]) % ((x.size - X.queue) // QUEUED), late + 1)
+    z[Z.behind, lane], z[Z.target, lane], z[Z.power, lane] = x[X.behind], x[last + GOAL], x[last + POWER] > 0.5
     for i in range(2):
         phi, half = deflection(p, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
         z[Z.flank + i, lane] = 0.0 if half <= 0.0 or abs(phi) < half else (1.0 if phi > 0.0 else -1.0)
@@ -141,7 +139,7 @@ def store_state(p: Array, z: Array, row: int, lane: int, x: Array) -> None:
     """Copy motion and torques of the elements with memory from rows `row` (`Z.start` or `Z.before`) into state x."""
     for i in range(6):
         x[i] = z[row + i, lane]
-    for i in range(8 if p[P.lag] > 0.0 else 5):
+    for i in range(9 if p[P.lag] > 0.0 or _moves_goal(p) else 5):
         x[X.bristle + i] = z[row + 6 + i, lane]
 
 
@@ -166,7 +164,8 @@ def take_commands(p: Array, z: Array, elapsed: float) -> None:
         torque = get(z, Z.torque_gain + axis) * get(z, Z.commanded + axis) + get(z, Z.torque_bias + axis)
         put(z, Z.torque + axis, get(z, Z.other_torque + axis) + torque)
     put(z, Z.power, get(z, Z.command + POWER) > 0.5)
-    put(z, Z.goal, get(z, Z.command + GOAL) - get(z, Z.encoder_offset))
+    put(z, Z.target, get(z, Z.command + GOAL))
+    put(z, Z.acting, get(z, Z.target))
 
 
 @bare
@@ -199,8 +198,8 @@ def store_inputs(p: Array, x: Array, command: Array, z: Array, lane: int) -> Non
     x[X.beside], x[X.external] = z[Z.other_torque, lane], z[Z.torque, lane]
     drive_damping = z[Z.power, lane] * z[Z.drive_damping, lane]
     x[X.damping] = z[Z.damping, lane] - drive_damping
-    if p[P.link_drive] == POSITION_DRIVE:  # without speed limit and lag, see `is_supported`
-        x[X.external] += drive_torque(p, z[Z.command + GOAL, lane], z[Z.power, lane], x[0]) - drive_damping * x[3]
+    if p[P.link_drive] == POSITION_DRIVE:
+        x[X.external] += drive_torque(p, z[Z.acting, lane], z[Z.power, lane], x[0]) - drive_damping * x[3]
     elif p[P.lag] <= 0.0:
         for axis in range(3):
             x[X.lag + axis] = z[Z.commanded + axis, lane]
@@ -245,10 +244,18 @@ def is_simple(terms: Terms) -> bool:
 
 
 @bare
+def _moves_goal(p: Array) -> bool:
+    """Whether the goal of a position drive differs from the commanded one."""
+    return p[P.link_drive] == POSITION_DRIVE and (p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf)
+
+
+@bare
 def _rare_bits(p: Array) -> int:
     """Bits of the rare terms of a parameter row."""
-    bits = term_bits(p) | int(p[P.contact_stiffness] > 0.0) << R.wall | int(p[P.lag] > 0.0) << R.lag
-    bits |= int(p[P.link_drive] == POSITION_DRIVE) << R.position
+    positioned = p[P.link_drive] == POSITION_DRIVE
+    bits = term_bits(p) | int(p[P.contact_stiffness] > 0.0) << R.wall
+    bits |= int(p[P.lag] > 0.0 and not positioned) << R.lag | int(positioned) << R.position
+    bits |= int(_moves_goal(p)) << R.goal | int(positioned and p[P.encoder_harmonics] > 0.0) << R.eccentric
     for axis in range(3):
         bits |= int(p[P.bristle_torque + axis] > 0.0) << (R.bristle + axis)
         bits |= int(feels_both_sides(p, axis)) << R.loads

@@ -15,12 +15,12 @@ from via_sim.joint.layout import EXTERNAL, FULL, HISTORY, MODE, N_COMMANDS, N_IN
 from via_sim.joint.measurements import record, sense
 from via_sim.joint.parameters import NO_DAMPER, POSITION_DRIVE, P
 from via_sim.joint.step import N_WEIGHTS
-from via_sim.lockstep.block import N_ROWS, Z
+from via_sim.lockstep.block import N_ROWS, R, Z
+from via_sim.lockstep.goals import leave_goals, recall_goals, take_goals
 from via_sim.lockstep.lanes import (
     begin_piece,
     divide_tick,
     is_simple,
-    is_supported,
     load_parameters,
     load_state,
     set_damping,
@@ -89,7 +89,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
         load_parameters(p, z, lane)
         work.number[lane], work.plain[lane] = int(x[X.tick]), runs.led.size == 0 and _has_plain_encoders(p)
         z[Z.age, lane] = p[P.origin] + x[X.tick] * period
-        alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and is_supported(p)
+        alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period
         z[Z.joins, lane] = alike
         together, late = together + alike, late + work.modes[lane, MODE.late]
         if alike:
@@ -112,6 +112,8 @@ def _run_block(runs: _Runs, work: _Work) -> None:
             for row in range(Z.at - Z.before if terms.rare != 0 else 6):
                 put(z, Z.before + row, get(z, Z.start + row))
             put(z, Z.margin, get(z, Z.joins))
+            if terms.rare >> R.goal & 1:
+                recall_goals(z, terms.rare)
             sticks = any_above(get(z, Z.stuck) + get(z, Z.stuck + 1) + get(z, Z.stuck + 2), 0.0)
             for piece, steps in enumerate((early, later)):
                 if steps == 0:
@@ -119,6 +121,8 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                 if late + early > 0:
                     _delay(runs, tick, work, 1 - piece)
                 take_commands(lead, z, tick * period)
+                if terms.rare >> R.goal & 1:
+                    take_goals(z, terms.rare)
                 if damped or tick == 0:
                     for lane in range(count):
                         set_damping(runs.rows[lane], piece, work.weights[lane, 2 + piece], z, lane)
@@ -129,6 +133,8 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                         step(z, runs.rows, terms, sticks, None)
                     else:
                         step(z, runs.rows, terms, sticks, FULL)
+            if terms.rare >> R.goal & 1:
+                leave_goals(z)
         left_out = together < count or any_above(choose(get(z, Z.margin), 0.0, get(z, Z.joins)), 0.0)
         for lane in range(count):
             if work.plain[lane] != 0 and get_one(z, Z.margin, lane) > 0.0:
@@ -154,7 +160,7 @@ def _join(runs: _Runs, work: _Work) -> None:
             work.loaded[lane] = 0
         if work.loaded[lane] == 0 and work.z[Z.joins, lane] > 0.0:
             work.loaded[lane] = 1
-            load_state(runs.rows[lane], runs.states[lane], work.z, lane)
+            load_state(runs.rows[lane], runs.states[lane], work.modes[lane, MODE.late], work.z, lane)
 
 
 @bare

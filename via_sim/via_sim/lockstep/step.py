@@ -9,6 +9,7 @@ from via_core.signals import Array
 from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.step import PER_AXIS, W
 from via_sim.lockstep.block import R, Terms, Z
+from via_sim.lockstep.goals import keep_goals, move_goals
 from via_sim.lockstep.pack import add, get, put
 from via_sim.lockstep.servos import END, MIDDLE, find_servos, place_servos
 from via_sim.lockstep.terms import find_input_errors
@@ -28,8 +29,8 @@ def step(z: Array, rows: Array, terms: Terms, sticks: bool, full: Any) -> None:
         put(z, Z.at + row, get(z, Z.start + row))
     if full is not None and rare >> R.servo & 3:
         find_servos(z, rows, rare)
-    if full is not None and rare >> R.lag & 1:
-        apply_lag(z, 0)
+    if full is not None:
+        _supply(z, 0, rare)
     torques(z, rows, Z.n, terms, sticks, full)
     for axis in range(axes):
         put(z, Z.a + axis, 0.0)
@@ -39,8 +40,8 @@ def step(z: Array, rows: Array, terms: Terms, sticks: bool, full: Any) -> None:
     if friction != 0:
         for axis in range(axes):
             put(z, Z.midpoint + axis, get(z, Z.at + 3 + axis))
-    if full is not None and rare >> R.lag & 1:
-        apply_lag(z, 1)
+    if full is not None:
+        _supply(z, 1, rare)
     torques(z, rows, Z.a, terms, sticks, full)
     _stage(z, axes, W.half, W.b_n, W.b_a, Z.a)
     if full is not None:
@@ -53,8 +54,8 @@ def step(z: Array, rows: Array, terms: Terms, sticks: bool, full: Any) -> None:
     _stage(z, axes, W.full, W.c_n, W.c_b, Z.b)
     if full is not None:
         place_servos(z, rare, END)
-    if full is not None and rare >> R.lag & 1:
-        apply_lag(z, 2)
+    if full is not None:
+        _supply(z, 2, rare)
     torques(z, rows, Z.c, terms, sticks, full)
     for axis in range(axes):
         add(z, Z.a + axis, get(z, Z.b + axis))
@@ -88,6 +89,15 @@ def _stage(z: Array, axes: int, base: int, one: int, two: int, second: int) -> N
         angle = get(z, Z.start + axis) + get(z, w + base + 1) * v
         put(z, Z.at + axis, angle + get(z, w + one + 1) * n + get(z, w + two + 1) * m)
         put(z, Z.at + 3 + axis, get(z, w + base) * v + get(z, w + one) * n + get(z, w + two) * m)
+
+
+@inlined
+def _supply(z: Array, moment: int, rare: int) -> None:
+    """Torques and goals at the beginning (0), the middle (1) or the end (2) of a step, as `actuation.supply`."""
+    if rare >> R.lag & 1:
+        apply_lag(z, moment)
+    if rare >> R.goal & 1:
+        move_goals(z, moment)
 
 
 @inlined
@@ -136,3 +146,5 @@ def _update_memory(z: Array, axes: int, rare: int) -> None:
     if rare >> R.lag & 1:
         for axis in range(3):
             put(z, Z.lagged + axis, lagged(z, axis, 2))
+    if rare >> R.goal & 1:
+        keep_goals(z)

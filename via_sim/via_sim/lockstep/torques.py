@@ -12,6 +12,7 @@ from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.parameters import P
 from via_sim.joint.torques import preset_of, spring_law
 from via_sim.lockstep.block import R, Terms, Z
+from via_sim.lockstep.goals import read_link
 from via_sim.lockstep.pack import LANES, add, any_above, choose, get, put
 from via_sim.lockstep.terms import add_terms, corrected, find_input_errors
 
@@ -204,7 +205,7 @@ def _add_rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
     """Add the rare terms to three rows from `out` on."""
     if rare >> R.position & 1:  # `position_drive.drive_torque`
         reach = get(z, Z.drive_limit)
-        torque = get(z, Z.drive_stiffness) * corrected(z, get(z, Z.goal) - get(z, Z.at))
+        torque = get(z, Z.drive_stiffness) * corrected(z, get(z, Z.acting) - read_link(z, rare))
         torque = min(max(torque, -reach), reach)
         put(z, Z.drive_torque, get(z, Z.power) * (get(z, Z.drive_gain) * torque + get(z, Z.drive_bias)))
         add(z, out, get(z, Z.drive_torque))
