@@ -36,9 +36,9 @@ _SIZES = {
     "sign": 3, "stuck": 3, "flank": 2, "slip": 2, "touch": 1, "joins": 1, "margin": 1,
     # intermediate values
     "spring_torque": 2, "geared_torque": 2,
-    # position drive: commanded goal, goal that acts, 1 while the drive is on, torque without kd; at the beginning of the
-    # step the goal behind the speed limit and the goal behind the lag; 1 where there is a speed limit, 1 where there is
-    # a lag; parameters
+    # position drive: commanded goal, goal that acts, 1 while the drive is on, torque without kd; goals behind the speed
+    # limit and behind the lag at the beginning of the step; 1 where there is a speed limit, 1 where there is a lag;
+    # parameters
     "target": 1, "acting": 1, "power": 1, "drive_torque": 1, "followed": 1, "trailing": 1, "slews": 1, "lags": 1,
     "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1, "drive_limit": 1, "drive_gain": 1, "drive_bias": 1,
     "drive_speed_limit": 1, "lag": 1, "eccentricity": 3 * ENCODER_HARMONICS,
