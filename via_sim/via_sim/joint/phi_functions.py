@@ -6,13 +6,15 @@ Source: Hochbruck, Ostermann, Exponential integrators, Acta Numerica 19 (2010), 
 """
 
 from math import exp, expm1, factorial
+from typing import Any
 
 import numpy as np
 
-from via_sim.joint.compiled import bare
+from via_sim.joint.compiled import bare, inlined
 
 _SWITCH = -2.0  # below it the upward recursion loses < 2 digits; above it the series reaches 1e-17
 
+SHORT_SERIES, SHORT_REACH = 15, 0.25  # further terms are below rounding
 _INVERSE_FACTORIALS = np.array([1.0 / factorial(n) for n in range(28)])
 
 
@@ -25,7 +27,13 @@ def phi_functions(z: float) -> tuple[float, float, float, float, float]:
         p3 = (p2 - 0.5) / z
         p4 = (p3 - 1.0 / 6.0) / z
         return exp(z), p1, p2, p3, p4
-    p4, most = 0.0, 11 if z > -0.02 else 15 if z > -0.25 else 27  # terms above rounding
+    return phi_series(z, 11 if z > -0.02 else SHORT_SERIES if z > -SHORT_REACH else 27)
+
+
+@inlined
+def phi_series(z: Any, most: int) -> tuple[Any, Any, Any, Any, Any]:
+    """(phi_0, ..., phi_4) at z <= 0 from terms up to the power `most` - 4; with SHORT_SERIES exact above -SHORT_REACH."""
+    p4 = 0.0 * z
     for n in range(most, 3, -1):
         p4 = p4 * z + _INVERSE_FACTORIALS[n]
     p3 = z * p4 + 1.0 / 6.0

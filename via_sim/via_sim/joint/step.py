@@ -54,20 +54,33 @@ def weigh(p: Array, h: float, damping: float, weights: Array) -> None:
                 w[j] = 0.0
             continue
         z = -viscous_rate(p, i, damping) * h
-        e, p1, p2, p3, p4 = phi_functions(z)
-        eh, h1, h2, h3, _ = phi_functions(0.5 * z)
-        w[W.half], w[W.half + 1] = eh, 0.5 * h * h1
-        w[W.full], w[W.full + 1] = e, h * p1
-        w[W.a_n], w[W.a_n + 1] = 0.5 * h * h1, 0.25 * h * h * h2
-        w[W.b_n], w[W.b_n + 1] = h * (0.5 * h1 - h2), 0.5 * h * h * (0.5 * h2 - h3)
-        w[W.b_a], w[W.b_a + 1] = h * h2, 0.5 * h * h * h3
-        w[W.c_n], w[W.c_n + 1] = h * (p1 - 2.0 * p2), h * h * (p2 - 2.0 * p3)
-        w[W.c_b], w[W.c_b + 1] = 2.0 * h * p2, 2.0 * h * h * p3
-        w[W.end_n], w[W.end_n + 1] = h * (p1 - 3.0 * p2 + 4.0 * p3), h * h * (p2 - 3.0 * p3 + 4.0 * p4)
-        w[W.end_ab], w[W.end_ab + 1] = h * (2.0 * p2 - 4.0 * p3), h * h * (2.0 * p3 - 4.0 * p4)
-        w[W.end_c], w[W.end_c + 1] = h * (4.0 * p3 - p2), h * h * (4.0 * p4 - p3)
-        for j in range(W.a_n, PER_AXIS):
-            w[j] /= p[P.inertia + i]  # N are torques
+        of_axis = axis_weights(h, h / p[P.inertia + i], phi_functions(z), phi_functions(0.5 * z))
+        for j in range(PER_AXIS):
+            w[j] = of_axis[j]
+
+
+@inlined
+def axis_weights(h: Any, k: Any, full: Any, half: Any) -> Any:
+    """The weights of an axis in the order of `W`: numbers, or packs of several runs.
+
+    h           [s] length of the step
+    k           h over the inertia, since Krogstad's N are torques
+    full, half  phi_0 to phi_4 at -h and -h/2 times the viscous rate
+    """
+    e, p1, p2, p3, p4 = full
+    eh, h1, h2, h3, _ = half
+    return (
+        eh, 0.5 * h * h1,
+        e, h * p1,
+        0.5 * k * h1, 0.25 * h * k * h2,
+        k * (0.5 * h1 - h2), 0.5 * h * k * (0.5 * h2 - h3),
+        k * h2, 0.5 * h * k * h3,
+        k * (p1 - 2.0 * p2), h * k * (p2 - 2.0 * p3),
+        2.0 * k * p2, 2.0 * h * k * p3,
+        k * (p1 - 3.0 * p2 + 4.0 * p3), h * k * (p2 - 3.0 * p3 + 4.0 * p4),
+        k * (2.0 * p2 - 4.0 * p3), h * k * (2.0 * p3 - 4.0 * p4),
+        k * (4.0 * p3 - p2), h * k * (4.0 * p4 - p3),
+    )  # fmt: skip
 
 
 @bare

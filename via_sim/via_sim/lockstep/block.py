@@ -22,8 +22,9 @@ _SIZES = {
     "start": 6, "bristle": 3, "maxwell": 2, "lagged": 3, "behind": 1, "before": 15, "at": 6, "midpoint": 3,
     # torques at Krogstad's stages, and the weights of `kernel.weigh`
     "n": 3, "a": 3, "b": 3, "c": 3, "weight": 3 * PER_AXIS,
-    # length of the step; the weights, lags left and lengths of both pieces of a tick, where a dead time divides it
-    "length": 1, "piece_weight": 6 * PER_AXIS, "piece_lag_left": 6, "piece_length": 2,
+    # length of the step; of both pieces of a tick, where a dead time divides it: weights and the damping they are for,
+    # lags left, length
+    "length": 1, "piece_weight": 6 * PER_AXIS, "weighed": 2, "piece_lag_left": 6, "piece_length": 2,
     # servos: bandwidth; angle and velocity of both at the middle, then at the end of the step
     "bandwidth": 2, "servo": 8,
     # age at the beginning of the run; inputs: command row behind the dead time, its external torque before it, all
@@ -46,7 +47,7 @@ _SIZES = {
     # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,
     # `no_maxwell` and `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the
     # beginning, the middle and the end of a step; `preset_offset` is added to the motor's angle in a spring law
-    "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
+    "inertia": 3, "viscous_friction": 3, "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
     "viscous_asymmetry": 3, "load_friction": 3, "counter_friction": 3, "load_stribeck": 3, "counter_stribeck": 3,
     "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3,
     "gravity_torque": 1, "gravity_angle": 1, "spring": 2 * N_COEFFICIENTS, "preset_offset": 2, "rise": 2, "fall": 2,

@@ -4,27 +4,25 @@ from __future__ import annotations
 
 from math import ceil, exp, inf
 
-from via_core.dampers import damper_value
 from via_core.signals import Array
 from via_core.spring_equations import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.joint.actuation import servo_bandwidth
 from via_sim.joint.compiled import bare
-from via_sim.joint.friction import feels_both_sides, has_friction
+from via_sim.joint.friction import feels_both_sides, has_friction, viscous_friction
 from via_sim.joint.kernel import queued_at
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X
 from via_sim.joint.parameters import (
     ABSENT,
     AT_TRANSMISSION,
     DYNAMIC,
-    NO_DAMPER,
     POSITION_DRIVE,
     SERVO,
     TORQUE_DRIVE,
     P,
 )
 from via_sim.joint.position_drive import drive_torque
-from via_sim.joint.step import PER_AXIS, is_for, weigh
+from via_sim.joint.step import PER_AXIS
 from via_sim.joint.torques import deflection
 from via_sim.lockstep.block import COPIED, R, Terms, Z
 from via_sim.lockstep.pack import get, put
@@ -37,6 +35,7 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
     for slot, row in COPIED:
         z[row, lane] = p[slot]
     for axis in range(3):
+        z[Z.viscous_friction + axis, lane] = viscous_friction(p, axis, 0.0)
         kinetic, excess = p[P.kinetic_friction + axis], p[P.breakaway_friction + axis] - p[P.kinetic_friction + axis]
         slips, level = has_friction(p, axis), max(p[P.bristle_torque + axis], 0.0)
         z[Z.kinetic_friction + axis, lane] = kinetic if slips else 0.0
@@ -166,20 +165,6 @@ def take_commands(p: Array, z: Array, elapsed: float) -> None:
     put(z, Z.power, get(z, Z.command + POWER) > 0.5)
     put(z, Z.target, get(z, Z.command + GOAL))
     put(z, Z.acting, get(z, Z.target))
-
-
-@bare
-def set_damping(p: Array, piece: int, weights: Array, z: Array, lane: int) -> None:
-    """Damping of a lane that acts on its link, and the weights of steps of a piece with it; weights (N_WEIGHTS,)."""
-    h = z[Z.piece_length + piece, lane]
-    damping = z[Z.power, lane] * z[Z.drive_damping, lane]
-    if p[P.damper_site] != NO_DAMPER:
-        damping += damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], z[Z.command + DAMPING, lane])
-    z[Z.damping, lane] = damping
-    if not is_for(weights, h, damping):
-        weigh(p, h, damping, weights)
-        for k in range(3 * PER_AXIS):
-            z[Z.piece_weight + 3 * PER_AXIS * piece + k, lane] = weights[k]
 
 
 @bare

@@ -16,6 +16,7 @@ from via_sim.joint.measurements import record, sense
 from via_sim.joint.parameters import NO_DAMPER, POSITION_DRIVE, P
 from via_sim.joint.step import N_WEIGHTS
 from via_sim.lockstep.block import N_ROWS, R, Z
+from via_sim.lockstep.damping import set_damping
 from via_sim.lockstep.goals import leave_goals, recall_goals, take_goals
 from via_sim.lockstep.lanes import (
     begin_piece,
@@ -23,7 +24,6 @@ from via_sim.lockstep.lanes import (
     is_simple,
     load_parameters,
     load_state,
-    set_damping,
     steps_of,
     store_inputs,
     store_state,
@@ -65,7 +65,7 @@ def lead_many(
     measured  (N, 6) angles [rad] and velocities [rad/s] as the encoders measure them, from tick 0 of the states on
     axes      (m,) int64, the axes whose motion is prescribed
     """
-    modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 4, N_WEIGHTS))
+    modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
     for first in range(0, len(rows), LANES):
         lanes, block = np.zeros((4, LANES), np.int64), slice(first, first + LANES)
         z, u, y = rows_of_packs(N_ROWS), np.zeros(N_INPUTS), np.zeros(9)
@@ -124,8 +124,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                 if terms.rare >> R.goal & 1:
                     take_goals(z, terms.rare)
                 if damped or tick == 0:
-                    for lane in range(count):
-                        set_damping(runs.rows[lane], piece, work.weights[lane, 2 + piece], z, lane)
+                    set_damping(runs.rows, piece, tick == 0, work.weights[0, 2], z)
                 if early > 0 or damped or tick == 0:
                     begin_piece(z, piece)
                 for _ in range(steps):
