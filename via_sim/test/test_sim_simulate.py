@@ -61,8 +61,8 @@ def test_runs_in_lockstep_equal_single_runs():
     together = simulate_many(plants, rows, RATE)
     for plant, motion in zip(plants, together, strict=True):
         alone = simulate(plant, torques(300), 0.3, RATE).truth
-        assert np.array_equal(motion[:, 0], alone["q"])
-        assert np.array_equal(motion[:, 1:3], alone["theta"])
+        moved = np.column_stack([alone["q"], alone["theta"]])
+        assert np.max(np.abs(motion[:, :3] - moved)) < 1e-14  # the exponential of packs is another one
 
 
 def test_step_does_not_change_its_argument():

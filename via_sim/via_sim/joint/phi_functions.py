@@ -32,7 +32,7 @@ def phi_functions(z: float) -> tuple[float, float, float, float, float]:
 
 @inlined
 def phi_series(z: Any, most: int) -> tuple[Any, Any, Any, Any, Any]:
-    """(phi_0, ..., phi_4) at z <= 0 from terms up to the power `most` - 4; with SHORT_SERIES exact above -SHORT_REACH."""
+    """(phi_0, ..., phi_4) at z <= 0 from terms up to z^(most - 4); SHORT_SERIES is exact above -SHORT_REACH."""
     p4 = 0.0 * z
     for n in range(most, 3, -1):
         p4 = p4 * z + _INVERSE_FACTORIALS[n]

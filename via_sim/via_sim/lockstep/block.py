@@ -47,7 +47,8 @@ _SIZES = {
     # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,
     # `no_maxwell` and `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the
     # beginning, the middle and the end of a step; `preset_offset` is added to the motor's angle in a spring law
-    "inertia": 3, "viscous_friction": 3, "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
+    "inertia": 3, "viscous_friction": 3,
+    "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
     "viscous_asymmetry": 3, "load_friction": 3, "counter_friction": 3, "load_stribeck": 3, "counter_stribeck": 3,
     "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3,
     "gravity_torque": 1, "gravity_angle": 1, "spring": 2 * N_COEFFICIENTS, "preset_offset": 2, "rise": 2, "fall": 2,

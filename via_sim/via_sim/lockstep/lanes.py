@@ -11,7 +11,7 @@ from via_sim.joint.actuation import servo_bandwidth
 from via_sim.joint.compiled import bare
 from via_sim.joint.friction import feels_both_sides, has_friction, viscous_friction
 from via_sim.joint.kernel import queued_at
-from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X
+from via_sim.joint.layout import ARM, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X
 from via_sim.joint.parameters import (
     ABSENT,
     AT_TRANSMISSION,
