@@ -12,7 +12,7 @@ def test_no_set_is_stated_for_signals_that_were_not_calibrated(monkeypatch):
 
     def counted(count: int) -> reliability.Reliability:
         shares = np.linspace(0.3, 1.0, count)
-        cases = [Calibrated("effect", "full", True, True, float(share)) for share in shares]
+        cases = [Calibrated("effect", "full", 0.1, True, float(share)) for share in shares]
         return calibrated(cases, "a test", "1-19")
 
     monkeypatch.setattr(reliability, "shipped", lambda: counted(19))
@@ -26,10 +26,24 @@ def test_intervals_are_as_wide_as_the_distances_of_known_parameters():
     """Of 39 distances the second largest is the 95 % quantile; intervals that were too wide do not get narrower."""
 
     def wider(distances: list[float], before: float) -> float:
-        case = Calibrated("effect", "full", True, True, 1.0, tuple(distances))
+        case = Calibrated("effect", "full", 0.1, True, 1.0, tuple(distances))
         return calibrated([case], "a test", "1", before).wider
 
     distances = [*np.linspace(0.0, 1.5, 37), 2.0, 7.0]
     assert wider(distances, 1.0) == 2.0 and wider(distances, 1.5) == 3.0
     assert wider([each / 10.0 for each in distances], 1.0) == 1.0
     assert wider(distances[:18], 1.5) == 1.5  # too few: unchanged
+
+
+def test_answers_that_leave_more_are_trusted_less():
+    """Right, wrong, right, wrong by what is left: the two in the middle are one group, since 0 and 1 would rise."""
+    lefts = {0.4: True, 0.9: False, 0.05: True, 0.2: False, 0.1: True}
+    cases = [Calibrated("main_effect", "full", left, right, 1.0) for left, right in lefts.items()]
+    cases += [Calibrated("main_effect", "full", None, False, None), Calibrated("effect", "full", 0.3, True, 1.0)]
+    numbers = calibrated(cases, "a test", "1-7")
+    groups = [(each.left, each.answers, each.right) for each in numbers.verdicts["main_effect"]]
+    assert groups == [(0.1, 2, 2), (0.4, 2, 1), (0.9, 1, 0)]
+    trusted = [reliability.reliability("main_effect", left, numbers) for left in (0.0, 0.1, 0.11, 0.4, 0.9, 5.0)]
+    assert trusted == [2.5 / 3.0, 2.5 / 3.0, 0.5, 0.5, 0.25, 0.25]
+    assert reliability.reliability("effect", 2.0, numbers) == 0.75
+    assert reliability.reliability("no_gap", 0.0, numbers) == 1.0

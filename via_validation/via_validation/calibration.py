@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import ceil
 
+from scipy.optimize import isotonic_regression
 from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.reliability import Counts, Reliability
 
@@ -16,13 +18,14 @@ WITH_CAUSES = ("effect", "several_effects", "main_effect", "unknown", "cannot_te
 class Calibrated:
     """One answer, compared with the truth.
 
+    left       squared held-out error that the first cause leaves; None: the answer has no causes
     truth      share of the true cause in the report (of several the smallest); None: no cause can be found
     distances  of the true parameters of named effects from the reported ones, over half the 95 % interval
     """
 
     verdict: str
     level: str
-    has_causes: bool
+    left: float | None
     first_right: bool
     truth: float | None
     distances: tuple[float, ...] = ()
@@ -32,8 +35,8 @@ def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str, wider: f
     """The numbers from answers whose true cause is known; `wider`: the factor that their intervals contain."""
     verdicts = {}
     for verdict in WITH_CAUSES:
-        answers = [each for each in answered if each.verdict == verdict and each.has_causes]
-        verdicts[verdict] = Counts(answers=len(answers), right=sum(each.first_right for each in answers))
+        same = [each for each in answered if each.verdict == verdict]
+        verdicts[verdict] = _groups([(each.left, each.first_right) for each in same if each.left is not None])
     shares: dict[str, list[float]] = {}
     for each in answered:
         if each.truth is not None:
@@ -46,6 +49,18 @@ def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str, wider: f
         origin=origin, seeds=seeds, verdicts=verdicts, least_share=least, cases=cases, wider=max(wider, 1.0),
         parameters=len(distances),
     )  # fmt: skip
+
+
+def _groups(answers: Sequence[tuple[float, bool]]) -> list[Counts]:
+    """Groups of answers (left, right), in which the share of right ones falls with what is left."""
+    if not answers:
+        return []
+    ordered = sorted(answers, key=lambda each: each[0])
+    ends = isotonic_regression([float(right) for _, right in ordered], increasing=False).blocks
+    return [
+        Counts(left=ordered[end - 1][0], answers=int(end - start), right=sum(right for _, right in ordered[start:end]))
+        for start, end in pairwise(ends)
+    ]
 
 
 def _least(shares: Sequence[float]) -> float:

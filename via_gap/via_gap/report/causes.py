@@ -23,12 +23,13 @@ SENSOR_UNITS = {"quantum": "rad", "gain": "-", "torque": "N m"}
 
 def compared_causes(device: Device, decision: Decision, scales: Scales, tuned: Evaluation) -> tuple[Cause, ...]:
     """Every cause compared, those named first, then by probability."""
-    trust = reliability(decision.verdict)
     compared = [(*ranked, model) for ranked, model in zip(decision.shares, decision.models, strict=True)]
     compared.sort(key=lambda each: (each[0] not in decision.named, -each[1]))
+    causes = [cause_of(device, place, model, scales, tuned) for place, _, model in compared]
+    trust = reliability(decision.verdict, causes[0].left) if causes else 1.0
     return tuple(
-        cause_of(device, place, model, scales, tuned).model_copy(update={"share": share, "probability": trust * share})
-        for place, share, model in compared
+        cause.model_copy(update={"share": share, "probability": trust * share})
+        for cause, (_, share, _) in zip(causes, compared, strict=True)
     )
 
 

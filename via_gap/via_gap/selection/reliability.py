@@ -2,8 +2,10 @@
 
     probability of a cause = reliability of the verdict * share of the cause among the models compared
 
-With r of n answers of a verdict right, the reliability is (r + 1/2) / (n + 1), the mean of Jeffreys' posterior, so that
-a verdict that was never wrong does not count as certain.
+An answer that leaves much of the error is wrong more often. So the answers of a verdict are divided into groups by what
+they leave, by isotonic regression: no other division in which the share of right answers falls from group to group fits
+them better. With r of n answers of a group right, the reliability is (r + 1/2) / (n + 1), the mean of Jeffreys'
+posterior, so that a verdict that was never wrong does not count as certain.
 
 Conformal sets: the score of a cause is 1 - share. With the scores of the true causes of n calibration cases of one
 signal set, the set { cause : score <= q }, q their ceil((n + 1) (1 - alpha))-th smallest, contains the true cause of a
@@ -15,7 +17,8 @@ in time, contacts at ticks). So a named parameter has the variance
 
 with sd from the fit, and `wider` the smallest factor with which 95 % of the true parameters of the calibration cases
 lie inside their intervals (`via_validation.calibration` computes q and `wider`).
-Source: V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World (2005), section 4.1 (split conformal).
+Sources: R. E. Barlow et al., Statistical Inference under Order Restrictions (1972), chapter 1 (isotonic regression);
+V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World (2005), section 4.1 (split conformal).
 
 The numbers are those of `via gap blind calibrate` on development cases. They hold for similar cases only.
 """
@@ -35,14 +38,18 @@ DISCREPANCY = 0.003  # of a value: below it, the intervals of exact models of a 
 
 
 class Counts(Record):
-    """Answers of one verdict, and in how many of them the first cause was right."""
+    """Answers of one verdict that leave at most `left` of the squared error, and more than those of the group before.
 
+    right  in how many of them the first cause was right
+    """
+
+    left: float
     answers: int
     right: int
 
 
 class Reliability(Record):
-    """Counts of each verdict, and of each signal set the least share of a cause in its conformal set.
+    """Groups of answers of each verdict, and of each signal set the least share of a cause in its conformal set.
 
     wider       factor of the standard deviations of named parameters, see above
     parameters  number of parameters that it was computed from
@@ -50,7 +57,7 @@ class Reliability(Record):
 
     origin: str
     seeds: str
-    verdicts: dict[str, Counts]
+    verdicts: dict[str, list[Counts]]
     least_share: dict[str, float]
     cases: dict[str, int]
     wider: float
@@ -71,10 +78,16 @@ def shipped() -> Reliability:
     return Reliability.model_validate(yaml.safe_load(text))
 
 
-def reliability(verdict: str, numbers: Reliability | None = None) -> float:
-    """Probability that the first cause of an answer of this verdict is right; 1 for verdicts without causes."""
-    counts = (numbers or shipped()).verdicts.get(verdict)
-    return 1.0 if counts is None else (counts.right + 0.5) / (counts.answers + 1.0)
+def reliability(verdict: str, left: float, numbers: Reliability | None = None) -> float:
+    """Probability that the first cause of an answer of this verdict is right; 1 for verdicts without causes.
+
+    left  squared held-out error that its first cause leaves, relative to that of the fitted device parameters
+    """
+    groups = (numbers or shipped()).verdicts.get(verdict)
+    if not groups:
+        return 1.0
+    group = next((each for each in groups if left <= each.left), groups[-1])
+    return (group.right + 0.5) / (group.answers + 1.0)
 
 
 def in_conformal_set(shares: Sequence[float], level: str) -> tuple[bool, ...]:

@@ -142,9 +142,8 @@ def calibrate(
         evaluated = evaluate(name, key, json.loads(report.to_json()), None, None)
         truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
         distances = tuple(each.distance for each in evaluated.inside)
-        answered.append(
-            Calibrated(report.verdict, report.level, bool(report.causes), evaluated.first_right, truth, distances)
-        )
+        left = report.causes[0].left if report.causes else None
+        answered.append(Calibrated(report.verdict, report.level, left, evaluated.first_right, truth, distances))
         seeds.append(int(key["seed"]))
     if not answered:
         raise ViaError(f"no report in {results}")
