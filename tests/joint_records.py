@@ -6,13 +6,14 @@ from via_gap.residual.record import Record
 from via_sim.joint.layout import M1, N_COMMANDS
 from via_sim.simulate import command_rows
 
+STILL = np.full(3, 0.02)  # [rad/s] error of the speeds that the tests give
 BESIDE = {"damping", "external_torque", "neighbour", "arm_torque"}
 
 
 def of_commands(device, measured, velocity, commands) -> Record:
     """A record driven by commands, with the channels of `via_sim.simulate.command_rows`."""
     rows = command_rows(device, commands, commands.time)
-    return Record(measured.time, _angles(device, measured), np.asarray(velocity), commands.time, rows)
+    return Record(measured.time, _angles(device, measured), np.asarray(velocity), commands.time, rows, still=STILL)
 
 
 def of_torques(device, measured, velocity, commands) -> Record:
@@ -33,7 +34,7 @@ def of_torques(device, measured, velocity, commands) -> Record:
         rows = command_rows(device, commands.select(sorted(others)), times)
     last = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
     rows[:, M1 : M1 + tau.shape[1]] = torques[last]
-    return Record(measured.time, _angles(device, measured), np.asarray(velocity), times, rows, True)
+    return Record(measured.time, _angles(device, measured), np.asarray(velocity), times, rows, True, STILL)
 
 
 def _angles(device, measured) -> np.ndarray:

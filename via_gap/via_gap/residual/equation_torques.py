@@ -49,7 +49,6 @@ from via_sim.joint.torques import (
 from via_gap.residual.cells import ahead, mean_goal, slipping_friction
 from via_gap.residual.record import Record
 
-STANDING = 0.02  # [rad/s] speed below which an axis is nearly at standstill
 _SLEWING = 0.98  # share of its speed limit above which a servo counts as limited
 
 # Columns of the result.
@@ -69,7 +68,7 @@ class EquationTorques:
     torque        (N, 3) [N m] all torque except inertia times acceleration; of a servo [rad/s^2]
     friction      (N, 3) [N m] dry friction in `torque` as if the axis slipped; opposes positive motion
     capacity      (N, 3) [N m] largest static friction (mean of both directions)
-    standing      (N, 3) whether the axis is nearly at standstill: friction then is between -capacity and capacity
+    standing      (N, 3) whether the axis may be at rest: friction then is between -capacity and capacity
     angle         (N, 3) [rad] with sensor effects undone
     velocity      (N, 3) [rad/s] likewise
     transmission  (N, 2) [N m] torque of each transmission; a torque sensor at the link measures their sum
@@ -105,7 +104,7 @@ def equation_torques(row: Array, record: Record, wanted: Indices | None = None) 
     kinds = p[P.axis_kind : P.axis_kind + 3]
     parts = {name: out[:, a : a + 3] for name, a in zip(_C._fields, _C, strict=True)}
     with np.errstate(invalid="ignore"):
-        standing = (np.abs(parts["velocity"]) < STANDING) & (kinds == DYNAMIC)
+        standing = (np.abs(parts["velocity"]) <= record.still) & (kinds == DYNAMIC)
     inertia = np.where(kinds == DYNAMIC, p[P.inertia : P.inertia + 3], 1.0)
     parts["transmission"] = out[:, _C.transmission :]
     return EquationTorques(standing=standing, inertia=inertia, **parts)

@@ -232,7 +232,7 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
         angle[:, axis], velocity[:, axis] = segments.angles[:, i], segments.start[:, 3 + axis]
     time = np.arange(len(angle)) / rate
     sensed = bool(log.device.n_motors) and not log.motors_commanded
-    record = Record(time, angle, velocity, time, segments.commands, sensed)
+    record = Record(time, angle, velocity, time, segments.commands, sensed, segments.still)
     undriven = tuple(replace(record, commands=_undriven(segments.commands, axis, log.device)) for axis in axes)
     drive = _drives(nominal, record, undriven, log.device, axes)
     slopes = _slopes(segments, axes)

@@ -41,6 +41,7 @@ class Record:
     command_time  (K,) [s] strictly increasing; the first command also acts before it
     commands      (K, N_COMMANDS) as zero-order hold, columns as of the simulator
     sensed        whether the motor torques among them were measured; then errors of their sensors are undone
+    still         (3,) [rad/s] speed up to which an axis may be at rest, by the uncertainty of `velocity`
 
     Arrays are copied and locked. Raises SignalError where shapes or values do not fit.
     """
@@ -51,18 +52,19 @@ class Record:
     command_time: Array
     commands: Array
     sensed: bool = False
+    still: Array = field(default_factory=lambda: np.zeros(3))
     _means: OrderedDict[bytes, tuple[Array, Array]] = field(default_factory=OrderedDict, init=False, repr=False)
     _lock: Lock = field(default_factory=Lock, init=False, repr=False)
 
     def __post_init__(self) -> None:
         count = len(self.command_time)
         shapes = {"time": (len(self),), "angle": (len(self), 3), "velocity": (len(self), 3)}
-        for name, shape in {**shapes, "command_time": (count,), "commands": (count, N_COMMANDS)}.items():
+        for name, shape in {**shapes, "command_time": (count,), "commands": (count, N_COMMANDS), "still": (3,)}.items():
             values = locked(getattr(self, name), name)
             object.__setattr__(self, name, values)
             if values.shape != shape:
                 raise SignalError(f"'{name}' of a record must have shape {shape}, got {values.shape}")
-            if values.ndim == 1 and (len(values) < 1 or not np.all(np.diff(values) > 0.0)):
+            if name.endswith("time") and (len(values) < 1 or not np.all(np.diff(values) > 0.0)):
                 raise SignalError(f"'{name}' of a record must increase and have at least one entry")
         if not np.all(np.isfinite(self.commands)):
             raise SignalError("commands of a record must be finite")

@@ -37,6 +37,7 @@ SPANS = {"torque": SPAN, "position": 0.75, "servo": 1.5}
 SLOWEST, FASTEST = 500.0, 2000.0
 BIN = 0.004  # [s] over which angles are averaged before they are compared
 START, START_SPEED = 2.0, 0.03  # times the sensor noise; [rad/s]: sd of a smoothed start, bias included
+SLOW = 0.01  # of the root mean square speed of an axis: with less it nearly rests
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
 BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # commands that do not drive motors
 ROUNDED = 1e-6  # of a tick
@@ -99,6 +100,17 @@ class Segments:
     def nominal(self) -> Array:
         """(N_PARAMETERS,) parameter row of the nominal device for this rate."""
         return JointPlant.from_device(self.log.device).at_rate(self.rate)
+
+    @property
+    def still(self) -> Array:
+        """(3,) [rad/s] speed up to which an axis may be at rest: noise of its speed, and SLOW of its typical speed.
+
+        Friction balances the torque on an axis at rest and has the sign of its motion otherwise. With a noisy speed
+        taken for motion, friction of random sign hides every cause.
+        """
+        found = SLOW * np.sqrt(np.mean(np.nan_to_num(self.start[:, 3:]) ** 2, axis=0))
+        found[list(self.axes)] += np.maximum(self.start_noise[:, 1] - START_SPEED, 0.0)
+        return np.asarray(found)
 
     def smoothed_noise(self, rng: np.random.Generator) -> Array:
         """(T, 6) a draw of the error of `start` by sensor noise; 0 for axes without an encoder."""
