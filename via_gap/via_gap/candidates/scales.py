@@ -84,6 +84,7 @@ def scales_of(
     else:
         pull, drive = _drive_torque(device, commands, start)
         speed[1], torque[1], peak[0] = speed[0], np.std(drive), np.max(np.abs(pull))
+        torque[0] = max(torque[0], torque[1])  # of a light axis with much dry friction, inertia and gravity say little
     speed = np.where(speed > 0.0, speed, max(float(speed.max()), 1e-3))
     torque = np.maximum(torque, 1e-3 * max(float(torque.max()), 1e-3))
     slew = 1.0
