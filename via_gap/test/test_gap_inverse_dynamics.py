@@ -10,6 +10,10 @@ import pytest
 from gap_logs import antagonistic_log, flexible, log_of, rigid
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals
+from via_gap.candidates.bounds import bounds_of
+from via_gap.candidates.fit import fit_device_parameters
+from via_gap.candidates.location import Location
+from via_gap.candidates.scales import scales_of
 from via_gap.logs.log import JointLog
 from via_gap.residual.inverse_dynamics import TAKING, InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
@@ -30,6 +34,7 @@ DELAY = Effect("actuator_delay", "command", {"delay": 0.0043})
 WEAK = Effect("torque_gain", "motor", {"gain": 0.8}, 1)
 PAYLOAD = Effect("payload", "link", {"mass": 0.3, "distance": 0.2})
 RIPPLE = Effect("torque_ripple", "motor", {"amplitude": 0.1, "order": 7.0, "phase": 0.3}, 1)
+MUCH = Effect("coulomb_friction", "link", {"torque": 0.037})
 STRONG = Effect("coulomb_friction", "motor", {"torque": 0.2}, 1)
 
 
@@ -219,3 +224,36 @@ def test_where_most_windows_have_a_gap_there_is_no_second_view() -> None:
     segments = cut_log(with_gaps(log, *gaps))
     with pytest.raises(SignalError, match="too many samples are missing"):
         InverseDynamics.of(segments, np.flatnonzero(segments.valid))
+
+
+def stop_and_go(quantum: float) -> JointLog:
+    """A light joint with much dry friction and an encoder of steps `quantum` [rad]: pulses of torque, between them rests under load."""
+    device = rigid()
+    numbers = {"inertia": 4e-4, "viscous_friction": 1e-4, "coulomb_friction": 0.02, "gravity_torque": 0.0}
+    sensors = device.sensors.model_copy(update={"link_quantum": quantum})
+    light = device.model_copy(update={"link": device.link.model_copy(update=numbers), "sensors": sensors})
+    time = np.arange(5000) / 500.0
+    torque = np.where(time % 1.0 < 0.3, 0.07, 0.05 * np.sin(20.0 * time)) * np.sign(np.sin(np.pi * time))
+    commands = Signals(time, {"external_torque": torque}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+    plant = JointPlant.from_device(light).with_effects([MUCH])
+    run = simulate(plant, commands, 10.0, 500.0, Sensors.of_device(light), InitialConditions(seed=2))
+    return JointLog("stop and go", light, run.measured.select(["q"]), commands)
+
+
+def test_noise_of_the_speed_at_rest_is_not_taken_for_motion():
+    """With friction of random sign at rest, a weak drive with less inertia would explain the motion as well."""
+    model = model_of(stop_and_go(1e-3))
+    instead = [Effect("torque_gain", "motor", {"gain": 0.35}, 1), Effect("link_inertia", "link", {"inertia": -2.6e-4})]
+    right, wrong = missing(model, MUCH), missing(model, *instead)
+    assert right < 2.0 and wrong > 2.0 * right
+
+
+def test_dry_friction_may_be_larger_than_all_other_torque_on_a_link():
+    log = stop_and_go(1e-5)
+    segments = cut_log(log)
+    problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
+    base = fit_device_parameters(problem)
+    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
+    assert scales.torque[0] >= np.std(log.commands["external_torque"])
+    _, high = bounds_of(Location("coulomb_friction", "link", 0), scales)
+    assert high[0] > 2.0 * MUCH.parameters["torque"]
