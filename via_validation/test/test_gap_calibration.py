@@ -31,6 +31,7 @@ def test_intervals_are_as_wide_as_the_distances_of_known_parameters():
 
     distances = [*np.linspace(0.0, 1.5, 37), 2.0, 7.0]
     assert wider(distances, 1.0) == 2.0 and wider(distances, 1.5) == 3.0
+    assert wider([*distances, np.inf], 1.0) == 2.0  # no width holds a harmonic that the answer lacks
     assert wider([each / 10.0 for each in distances], 1.0) == 1.0
     assert wider(distances[:18], 1.5) == 1.5  # too few: unchanged
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil
+from math import ceil, isfinite
 
 from scipy.optimize import isotonic_regression
 from via_gap.selection.numbers import NUMBERS
@@ -76,6 +76,10 @@ def _quantile(scores: Sequence[float]) -> float | None:
 
 
 def _holding(distances: Sequence[float]) -> float:
-    """The factor by which intervals hold 95 % of parameters at these distances; 1 if there are too few."""
+    """The factor by which intervals hold 95 % of parameters at these distances; 1 if there are too few.
+
+    Parameters that the answer lacks, such as a further harmonic, are infinitely far: no width would hold them.
+    """
+    distances = [each for each in distances if isfinite(each)]
     rank = ceil(len(distances) * (1.0 - NUMBERS.significance))
     return 1.0 if len(distances) * NUMBERS.significance < 1.0 else sorted(distances)[rank - 1]
