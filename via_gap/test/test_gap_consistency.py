@@ -193,10 +193,10 @@ def test_answer_headline_repair_and_next_steps_follow_from_the_decision(case, bi
     assert [(e.effect, e.site, e.motor) for e in said.equivalence_set] == equal + added
     assert {(c.effect, c.site, c.motor) for c in said.causes[: len(named + added)]} == {*named, *added}
     shares = {(p.name, p.site, p.motor): share for p, share in decision.shares}
-    for c in said.causes:
-        if (c.effect, c.site, c.motor) not in added:
-            assert c.share == pytest.approx(shares[c.effect, c.site, c.motor])
-            assert c.probability == pytest.approx(reliability(decision.verdict) * c.share)
+    compared_ones = [c for c in said.causes if (c.effect, c.site, c.motor) not in added]
+    for c in compared_ones:
+        assert c.share == pytest.approx(shares[c.effect, c.site, c.motor])
+        assert c.probability == pytest.approx(reliability(decision.verdict, compared_ones[0].left) * c.share)
     for group in (said.causes[: len(named + added)], said.causes[len(named + added) :]):
         assert [c.probability for c in group] == sorted((c.probability for c in group), reverse=True)
     if not added:
