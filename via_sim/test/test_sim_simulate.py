@@ -62,7 +62,9 @@ def test_runs_in_lockstep_equal_single_runs():
     for plant, motion in zip(plants, together, strict=True):
         alone = simulate(plant, torques(300), 0.3, RATE).truth
         moved = np.column_stack([alone["q"], alone["theta"]])
-        assert np.max(np.abs(motion[:, :3] - moved)) < 1e-14  # the exponential of packs is another one
+        # Packs have an exponential of their own.
+        curved = any(effect.name == "stribeck_friction" for effect in plant.effects)
+        assert np.max(np.abs(motion[:, :3] - moved)) <= (1e-14 if curved else 0.0)
 
 
 def test_step_does_not_change_its_argument():

@@ -109,7 +109,8 @@ class Segments:
         taken for motion, friction of random sign hides every cause.
         """
         found = SLOW * np.sqrt(np.mean(np.nan_to_num(self.start[:, 3:]) ** 2, axis=0))
-        found[list(self.axes)] += np.maximum(self.start_noise[:, 1] - START_SPEED, 0.0)
+        noise = self.start_noise[:, 1] - START_SPEED  # without the bias of the smoothing, which grows with the motion
+        found[list(self.axes)] += np.maximum(noise, 0.0)
         return np.asarray(found)
 
     def smoothed_noise(self, rng: np.random.Generator) -> Array:

@@ -52,7 +52,7 @@ class Reliability(Record):
     """Groups of answers of each verdict, and of each signal set the least share of a cause in its conformal set.
 
     wider       factor of the standard deviations of named parameters, see above
-    parameters  number of parameters that it was computed from
+    parameters  number of true parameters of named effects, with those that the answers lack
     """
 
     origin: str
@@ -93,7 +93,7 @@ def reliability(verdict: str, left: float, numbers: Reliability | None = None) -
 def in_conformal_set(shares: Sequence[float], level: str) -> tuple[bool, ...]:
     """Whether the cause of each share (k,) belongs to the 95 % set on logs of this signal set.
 
-    Always false if the calibration had too few cases of this signal set.
+    Always false if the calibration had too few cases of this signal set, or the true cause was often not compared.
     """
     least = shipped().least_share.get(level, 0.0)
     return tuple(share >= least > 0.0 for share in shares)
