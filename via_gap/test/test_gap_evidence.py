@@ -217,5 +217,7 @@ def test_the_chosen_model_has_the_calibrated_width(monkeypatch):
     narrow = diagnose([log], rigid()).causes[0].parameters["torque"]
     twice = reliability.shipped().model_copy(update={"wider": 2.0 * reliability.shipped().wider})
     monkeypatch.setattr(reliability, "shipped", lambda: twice)
-    wide = diagnose([log], rigid()).causes[0].parameters["torque"]
+    report = diagnose([log], rigid())
+    wide = report.causes[0].parameters["torque"]
     assert wide.value == narrow.value and wide.sd == pytest.approx(2.0 * narrow.sd)
+    assert report.widened == twice.wider

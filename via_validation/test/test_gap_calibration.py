@@ -23,17 +23,18 @@ def test_no_set_is_stated_for_signals_that_were_not_calibrated(monkeypatch):
 
 
 def test_intervals_are_as_wide_as_the_distances_of_known_parameters():
-    """Of 39 distances the second largest is the 95 % quantile; intervals that were too wide do not get narrower."""
+    """Of 39 distances the second largest is the 95 % quantile; intervals that are too wide do not get narrower."""
 
-    def wider(distances: list[float], before: float) -> float:
+    def wider(distances: list[float]) -> float:
         case = Calibrated("effect", "full", 0.1, True, 1.0, tuple(distances))
-        return calibrated([case], "a test", "1", before).wider
+        return calibrated([case], "a test", "1").wider
 
     distances = [*np.linspace(0.0, 1.5, 37), 2.0, 7.0]
-    assert wider(distances, 1.0) == 2.0 and wider(distances, 1.5) == 3.0
-    assert wider([*distances, np.inf], 1.0) == 2.0  # no width holds a harmonic that the answer lacks
-    assert wider([each / 10.0 for each in distances], 1.0) == 1.0
-    assert wider(distances[:18], 1.5) == 1.5  # too few: unchanged
+    assert wider(distances) == 2.0
+    assert wider([*distances, np.inf]) == 2.0  # no width holds a harmonic that the answer lacks
+    assert wider([each / 10.0 for each in distances]) == 1.0
+    assert wider(distances[19:]) == 2.0
+    assert wider(distances[20:]) == 1.0  # too few
 
 
 def test_answers_that_leave_more_are_trusted_less():

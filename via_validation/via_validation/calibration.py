@@ -20,7 +20,8 @@ class Calibrated:
 
     left       squared held-out error that the first cause leaves; None: the answer has no causes
     truth      share of the true cause in the report (of several the smallest); None: no cause can be found
-    distances  of the true parameters of named effects from the reported ones, over half the 95 % interval
+    distances  of the true parameters of named effects from the reported ones, over half the 95 % interval before it was
+               widened
     """
 
     verdict: str
@@ -31,8 +32,8 @@ class Calibrated:
     distances: tuple[float, ...] = ()
 
 
-def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str, wider: float = 1.0) -> Reliability:
-    """The numbers from answers whose true cause is known; `wider`: the factor that their intervals contain."""
+def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str) -> Reliability:
+    """The numbers from answers whose true cause is known."""
     verdicts = {}
     for verdict in WITH_CAUSES:
         same = [each for each in answered if each.verdict == verdict]
@@ -44,10 +45,9 @@ def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str, wider: f
     least = {level: _least(values) for level, values in shares.items()}
     cases = {level: len(values) for level, values in shares.items()}
     distances = [distance for each in answered for distance in each.distances]
-    wider *= _holding(distances)
     return Reliability(
-        origin=origin, seeds=seeds, verdicts=verdicts, least_share=least, cases=cases, wider=max(wider, 1.0),
-        parameters=len(distances),
+        origin=origin, seeds=seeds, verdicts=verdicts, least_share=least, cases=cases,
+        wider=max(_holding(distances), 1.0), parameters=len(distances),
     )  # fmt: skip
 
 

@@ -169,6 +169,7 @@ class GapReport(Record):
     figures: Figures | None = None
     held_out: tuple[HeldOutInterval, ...] = ()  # where `gap` was measured
     lined: NotNegative | None = None  # [s] by which commands act late on lines between samples; None: in steps
+    widened: NotNegative = 1.0  # factor of the standard deviations of named parameters, by calibration
 
     @model_validator(mode="after")
     def _repair_is_among_the_causes(self) -> GapReport:

@@ -29,6 +29,7 @@ from via_gap.candidates.converged import converged
 from via_gap.candidates.fit import delay_sd
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
+from via_gap.selection import reliability
 from via_gap.selection.confidence_set import confidence_set
 from via_gap.selection.evidence import (
     Evaluation,
@@ -41,7 +42,6 @@ from via_gap.selection.evidence import (
 )
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
-from via_gap.selection.reliability import widened
 
 SAME = 0.1  # of the margin: two models whose losses differ by less in a mean segment are one model under two names
 Verdict = Literal["effect", "several_effects", "main_effect", "unknown", "no_gap", "cannot_tell"]
@@ -61,6 +61,7 @@ class Decision:
     models      representatives: the model behind each of `shares`; for named ones `chosen`
     equivalent  named locations, and those that held-out data do not distinguish from them
     reason      why nothing is named, for `cannot_tell`
+    widened     factor of the standard deviations of `chosen`, by calibration
     """
 
     verdict: Verdict
@@ -70,6 +71,7 @@ class Decision:
     models: tuple[Evaluation, ...] = ()
     equivalent: Locations = ()
     reason: str = ""
+    widened: float = 1.0
 
     @property
     def named(self) -> Locations:
@@ -86,13 +88,13 @@ class Decision:
             return self
         fit = converged(experiment.fitted, self.chosen.fit, scales)
         bounded = np.diag(delay_sd(experiment.fitted, fit.locations) ** 2)  # by half a sample: it has its width
-        fit = replace(fit, covariance=widened(np.array(fit.values), fit.covariance - bounded) + bounded)
+        fit = replace(fit, covariance=reliability.widened(np.array(fit.values), fit.covariance - bounded) + bounded)
         if experiment.folds is not None:
             (chosen,) = experiment.folds.evaluate([fit], scales)
         else:
             (chosen,) = experiment.evaluate([fit])
         models = tuple(chosen if each is self.chosen else each for each in self.models)
-        return replace(self, chosen=chosen, models=models)
+        return replace(self, chosen=chosen, models=models, widened=reliability.shipped().wider)
 
 
 def decide(

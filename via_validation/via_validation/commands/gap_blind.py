@@ -13,7 +13,6 @@ from rich.text import Text
 from via_bringup.cli.console import answers, errors, table
 from via_core.errors import ViaError
 from via_gap.report.report import read_report
-from via_gap.selection.reliability import shipped
 
 from via_validation.calibration import Calibrated, calibrated
 from via_validation.provenance import provenance
@@ -141,14 +140,14 @@ def calibrate(
         shares = {(c.effect, c.site, c.motor): c.share for c in report.causes}
         evaluated = evaluate(name, key, json.loads(report.to_json()), None, None)
         truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
-        distances = tuple(each.distance for each in evaluated.inside)
+        distances = tuple(report.widened * each.distance for each in evaluated.inside)
         left = report.causes[0].left if report.causes else None
         answered.append(Calibrated(report.verdict, report.level, left, evaluated.first_right, truth, distances))
         seeds.append(int(key["seed"]))
     if not answered:
         raise ViaError(f"no report in {results}")
     origin = str(provenance("via gap blind calibrate"))
-    numbers = calibrated(answered, origin, f"{min(seeds)} to {max(seeds)}", shipped().wider)
+    numbers = calibrated(answered, origin, f"{min(seeds)} to {max(seeds)}")
     write.write_text(yaml.safe_dump(numbers.model_dump(), sort_keys=False), encoding="utf-8")
     answers.print(f"{len(answered)} answers counted; numbers in {write}")
 
