@@ -8,7 +8,7 @@ import pytest
 from gap_logs import rigid
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog
-from via_gap.residual.command_gaps import GROUPS, pulses
+from via_gap.residual.command_gaps import GROUPS, gap_pulses
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Segments, cut_log
 from via_sim.joint.layout import EXTERNAL
@@ -56,7 +56,7 @@ def test_a_pulse_lasts_as_long_as_the_gap_and_is_as_large_as_what_may_have_acted
     """On a ramp of .01 N m a tick every number is known: neighbours differ by (end + 1 - begin) steps."""
     slope = 0.01
     count = len(recorded(0.0).commands)
-    (pulse,) = pulses(with_gaps(slope * np.arange(count), [(200, 207)]))
+    (pulse,) = gap_pulses(with_gaps(slope * np.arange(count), [(200, 207)]))
     there = np.flatnonzero(pulse[:, EXTERNAL])
     assert (there[0], there[-1]) == (201, 207) and len(there) == 7
     wanted = np.sqrt((8 * slope) ** 2 / 3.0 + slope**2)
@@ -72,7 +72,7 @@ def test_its_size_is_the_standard_deviation_of_drawn_commands():
     drawn = before + (after - before) * rng.uniform(size=200_000) + usual * rng.normal(size=200_000)
     sent = before + 0.5 * usual * (1.0 - (-1.0) ** np.arange(len(recorded(0.0).commands)))
     sent[300:] += after - before
-    (pulse,) = pulses(with_gaps(sent, [(298, 305)]))  # both at even ticks once the first after the gap has acted
+    (pulse,) = gap_pulses(with_gaps(sent, [(298, 305)]))  # both at even ticks once the first after the gap has acted
     assert sent[306] - sent[298] == pytest.approx(after - before)
     assert np.abs(pulse[:, EXTERNAL]).max() == pytest.approx(np.sqrt(np.mean((drawn - before) ** 2)), rel=5e-3)
 
@@ -80,23 +80,23 @@ def test_its_size_is_the_standard_deviation_of_drawn_commands():
 def test_a_jump_of_the_commands_is_not_a_usual_step():
     sent = 0.1 * (np.arange(len(recorded(0.0).commands)) % 2)
     jump = sent + np.where(np.arange(len(sent)) >= 600, 50.0, 0.0)
-    plain, jumped = (np.abs(pulses(with_gaps(each, [(200, 205)]))).max() for each in (sent, jump))
+    plain, jumped = (np.abs(gap_pulses(with_gaps(each, [(200, 205)]))).max() for each in (sent, jump))
     assert plain == pytest.approx(0.1)
     assert jumped == pytest.approx(plain, rel=0.01)
 
 
 def test_gaps_of_one_segment_have_pulses_of_their_own_and_no_gap_has_none():
     ramp = 0.01 * np.arange(len(recorded(0.0).commands))
-    assert pulses(with_gaps(ramp, [])).shape[0] == 0
+    assert gap_pulses(with_gaps(ramp, [])).shape[0] == 0
     begin, ticks = recorded(0.0).begin, recorded(0.0).ticks
     three = [(int(begin[2]) + k, int(begin[2]) + k + 5) for k in (10, 30, 50)]
     one = [(int(begin[4]) + 10, int(begin[4]) + 15)]
-    found = pulses(with_gaps(ramp, three + one))
+    found = gap_pulses(with_gaps(ramp, three + one))
     assert len(found) == 3
     here = slice(begin[2], begin[2] + ticks)
     assert [len(np.flatnonzero(each[here, EXTERNAL])) for each in found] == [5, 5, 5]
     many = [(int(begin[2]) + 4 * k, int(begin[2]) + 4 * k + 2) for k in range(1, GROUPS + 4)]
-    found = pulses(with_gaps(ramp, many))
+    found = gap_pulses(with_gaps(ramp, many))
     assert len(found) == GROUPS
     assert len(np.flatnonzero(np.sum(found != 0.0, axis=0)[:, EXTERNAL])) == 2 * len(many)
 
@@ -130,7 +130,7 @@ def test_errors_are_whitened_by_their_whole_covariance():
     moved = []
     for slot, sd in zip((0, 3), segments.start_noise[0], strict=True):
         moved.append(known.motion(row[None], sd * np.eye(6)[slot])[0])
-    moved += [known.motion(row[None], commands=(segments.commands + each)[None])[0] for each in pulses(segments)]
+    moved += [known.motion(row[None], commands=(segments.commands + each)[None])[0] for each in gap_pulses(segments)]
     columns = np.stack([((each - plain) * scale).reshape(len(plain), -1) for each in moved], axis=-1)
     errors = ((segments.measured[known.chosen] - plain) * scale).reshape(len(plain), -1)
     whitened = known.residual(row[None])[0]

@@ -16,7 +16,7 @@ from via_core.signals import Array
 
 from via_gap.logs.levels import STANDARD_ERRORS, Level, levels, share_shown
 from via_gap.logs.log import JointLog
-from via_gap.logs.rounding import correlation, distances, step_of
+from via_gap.logs.rounding import correlation, distances, mean_variance, step_of
 
 How = Literal["residuals", "rounding only", "smoothed", "standstill", "too short"]
 STEPPED = 1.0  # encoder steps crossed within a window: all positions within a step are then met
@@ -142,6 +142,21 @@ def error_correlation(noise: ChannelNoise, angle: Array, lags: int, run: int = 0
     after = 6.0 / pi**2 * damped @ np.array(cosines)
     after[0] = 1.0  # one measurement with itself shares its noise
     return (white * before + rounded * after) / (white + rounded)
+
+
+def torque_densities(log: JointLog, known: LogNoise, span: float) -> Array:
+    """(m,) spectral density [N^2 m^2 s] of the noise of each measured torque: of its mean over `span` [s], times span.
+
+    Noise counts as white: the density is that at the frequencies to which a joint responds.
+    """
+    period = known.clock.period
+    found = []
+    for i, column in enumerate(log.measured["tau"].T):
+        seen = column[np.isfinite(column)]
+        count = max(1, min(round(span / period), len(seen)))
+        noise = known.channels[f"tau_{i + 1}"]
+        found.append(noise.sd**2 * mean_variance(error_correlation(noise, seen, count)) * count * period)
+    return np.array(found)
 
 
 def _torque_noise(log: JointLog, i: int, column: Array) -> ChannelNoise:

@@ -16,7 +16,7 @@ from via_gap.residual.segments import Segments
 GROUPS = 8  # gaps in a segment with pulses of their own; more share one, with random signs
 
 
-def pulses(segments: Segments) -> Array:
+def gap_pulses(segments: Segments) -> Array:
     """(G, T, N_COMMANDS) changes of the commands by one standard deviation: neighbouring gaps in different groups."""
     gaps, commands = segments.gaps, segments.commands
     period = segments.command_ticks

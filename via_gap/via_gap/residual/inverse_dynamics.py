@@ -306,4 +306,5 @@ def _floor(nominal: Array, segments: Segments, slopes: Array, axes: tuple[int, .
     inertial = nominal[P.inertia :][each] * sizes[2]
     viscous = nominal[P.viscous_friction :][each] * sizes[1]  # dominates for a light motor with much damping
     own = (inertial**2 + viscous**2) * noise[each] ** 2  # psi' and psi'' are orthogonal
-    return np.sqrt(own + (slopes**2 @ noise**2) * sizes[0] ** 2 + SMALLEST**2)
+    driven = segments.torque_density[[axis - 1 if axis else EXTERNAL for axis in each]] * segments.rate
+    return np.sqrt(own + (slopes**2 @ noise**2 + driven) * sizes[0] ** 2 + SMALLEST**2)

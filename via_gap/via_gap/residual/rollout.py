@@ -10,7 +10,8 @@ segment. All errors are whitened by its covariance,
 
 with the error e in units of the noise, A the sensitivities to the start by finite differences, S the variances of the
 start. An unknown start would be projected out, an exact one has no effect. Commands that the log lacks for a moment
-add columns to A in the same way (command_gaps.py).
+(command_gaps.py) and the noise of measured torques that drive the simulation (torque_noise.py) add columns to A in the
+same way.
 """
 
 from __future__ import annotations
@@ -27,15 +28,17 @@ from via_sim.joint.encoders import true_motions
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 
-from via_gap.residual.command_gaps import pulses
+from via_gap.residual.command_gaps import gap_pulses
 from via_gap.residual.legs import Leg, Runs, divided, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, write_history
 from via_gap.residual.segments import START, Segments, binned
+from via_gap.residual.torque_noise import noise_pulses
 from via_gap.residual.unseen import UnseenMotors
 
 HUGE = 1e6  # in place of an overflow
 UNIT = np.eye(6)  # rows: one entry of a start each
+UNSEEN = 0.1  # of the noise: smaller errors of a segment by start, gaps and torque noise together add .5 % to it
 LEAD = 0.06  # [s] longer than any lag between channels
 
 
@@ -343,7 +346,7 @@ class Rollout:
         plain = self.motion(row[None])[0]
         moved = [self.motion(row[None], step * offset)[0] for offset in self._start_steps()]
         changes = [(each - plain) / step for each in moved]
-        for pulse in pulses(self.segments):
+        for pulse in (*gap_pulses(self.segments), *noise_pulses(self.segments)):
             changes.append(self.motion(row[None], commands=(self.segments.commands + pulse)[None])[0] - plain)
         for start in self._start_sd():
             beside = replace(self, motor_start=self.motor_start + STEP * start)
@@ -352,7 +355,8 @@ class Rollout:
         columns = columns * (self.segments.weight[self.chosen] / self.segments.noise)[..., None]
         flat = columns.reshape(len(self.chosen), self.size, len(changes))
         basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
-        return replace(self, basis=basis, shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
+        seen = int(np.max(np.sum(sizes > UNSEEN, axis=1), initial=1))
+        return replace(self, basis=basis[..., :seen], shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :seen] ** 2))
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), commands as in `motion`; overflow gives a huge value."""

@@ -22,7 +22,7 @@ from via_sim.simulate import command_rows
 
 from via_gap.logs.between import acting, along, in_lines
 from via_gap.logs.log import JointLog
-from via_gap.logs.noise import LogNoise, error_correlation, log_noise
+from via_gap.logs.noise import LogNoise, error_correlation, log_noise, torque_densities
 from via_gap.logs.quality import Quality
 from via_gap.logs.rounding import interpolated, mean_variance, step_of, variances
 from via_gap.logs.start import FIRST
@@ -65,6 +65,7 @@ class Segments:
     valid         (S,) whether the segment can be used
     gaps          (g, 2) ticks of the last command before and the first after each short gap in the commands
     command_ticks ticks from command to command
+    torque_density (N_COMMANDS,) [N^2 m^2 s] of the noise of measured torques that act as commands (torque_noise.py)
     sample_noise  (a,) [rad] standard deviation of one sample
     noise         (a,) [rad] standard deviation of one value of `measured`
     start_noise   (a, 2) [rad], [rad/s] standard deviation of a smoothed state
@@ -89,6 +90,7 @@ class Segments:
     valid: Array
     gaps: Indices
     command_ticks: int
+    torque_density: Array
     sample_noise: Array
     noise: Array
     start_noise: Array
@@ -198,9 +200,12 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     valid &= read.mean(axis=(1, 2)) >= ENOUGH
     weight = read * np.sqrt(read[0].size / np.maximum(np.sum(read, axis=(1, 2), keepdims=True), 1))
     gaps, apart = _command_gaps(log, quality, origin, rate, len(grid))
+    density = np.zeros(N_COMMANDS)
+    if columns := _measured(log):
+        density[columns] = torque_densities(log, known, ticks / rate)[: len(columns)]
     return Segments(
         log, rate, origin, ticks, every, averaged, axes, _drive(log, grid), begin, angles, hidden, states, measured,
-        weight, _rest(log), rests, valid, gaps, apart, sample_noise, noise, start_noise,
+        weight, _rest(log), rests, valid, gaps, apart, density, sample_noise, noise, start_noise,
     )  # fmt: skip
 
 
@@ -324,19 +329,23 @@ def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Mas
 
 def _drive(log: JointLog, grid: Array) -> Array:
     """Command rows (T, 4): recorded commands; without commands of the motors, the measured torque over each tick."""
-    device = log.device
     rows = np.zeros((len(grid), N_COMMANDS))
     whole = acting(log, grid)
     if whole is not None and not log.motors_commanded:
         whole = whole.select([name for name in whole.channels if name in BESIDE_MOTORS])
     if whole is not None and len(whole) and whole.channels:
-        rows = command_rows(device, whole, grid)
-    if device.n_motors and not log.motors_commanded:
-        rows[:, : device.n_motors] = _torque_after(log, grid)
-    commanded = whole is not None and "external_torque" in whole
-    if device.drive == "torque" and not device.n_motors and not commanded and log.torque_seen:
-        rows[:, EXTERNAL] = _torque_after(log, grid)[:, 0]
+        rows = command_rows(log.device, whole, grid)
+    if columns := _measured(log):
+        rows[:, columns] = _torque_after(log, grid)[:, : len(columns)]
     return rows
+
+
+def _measured(log: JointLog) -> list[int]:
+    """Columns of the commands for which measured torques stand in."""
+    if log.device.n_motors:
+        return [] if log.motors_commanded else list(range(log.device.n_motors))
+    commanded = log.commands is not None and "external_torque" in log.commands
+    return [EXTERNAL] if log.device.drive == "torque" and not commanded and log.torque_seen else []
 
 
 def _torque_after(log: JointLog, grid: Array) -> Array:
