@@ -34,6 +34,7 @@ from via_gap.selection.confidence_set import confidence_set
 from via_gap.selection.evidence import (
     Evaluation,
     block_means,
+    difference,
     freedom,
     losses,
     outdone_by,
@@ -220,11 +221,16 @@ def simplest(models: Sequence[Evaluation]) -> Evaluation:
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
-    """The models without those that are not significantly better than one with fewer parameters at the same sites."""
+    """The models without those that one with fewer parameters at the same sites replaces.
+
+    It does if it is not significantly worse, and of other kinds than the model also not by more than the margin: a
+    special case is the null hypothesis, another effect is a rival.
+    """
 
     def needless(each: Evaluation, other: Evaluation) -> bool:
-        same = _sites(each) == _sites(other) and freedom(other.fit) < freedom(each.fit)
-        return same and not significantly_worse(other, each)
+        if _sites(each) != _sites(other) or freedom(other.fit) >= freedom(each.fit) or significantly_worse(other, each):
+            return False
+        return _kinds(each) == _kinds(other) or difference(other, each)[0] <= NUMBERS.margin
 
     return [each for each in models if not any(needless(each, other) for other in models)]
 
@@ -232,6 +238,11 @@ def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
 def _sites(each: Evaluation) -> list[tuple[str, int]]:
     """Every single site, so that one effect at both motors compares with one at each."""
     return sorted(spot for location in each.fit.locations for spot in location.spots)
+
+
+def _kinds(each: Evaluation) -> list[tuple[str, tuple[str, int]]]:
+    """The simplest effect that each effect contains, at every single site."""
+    return sorted((location.plainest, spot) for location in each.fit.locations for spot in location.spots)
 
 
 def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
