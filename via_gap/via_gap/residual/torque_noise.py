@@ -18,7 +18,7 @@ from via_core.signals import Array
 
 from via_gap.residual.segments import Segments
 
-PIECES = 32  # of a segment at most: errors within a piece average out
+PIECES = 64  # of a segment at most: errors within a piece average out
 
 
 def noise_pulses(segments: Segments) -> Iterator[Array]:

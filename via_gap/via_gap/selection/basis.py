@@ -22,6 +22,7 @@ SOFT = (0.02, 0.1, 0.5)  # [rad/s] widths of softened signs
 WAYS = (0.02, 0.1, 0.4)  # standard deviations: widths of plays
 LAGS = (0.01, 0.05)  # [s]
 KNOTS = 7  # of the hats over a quantity
+FINE = 25  # of those over the link angle, where a kink or a narrow bump is
 TIME_KNOTS = 10
 FAR = 3.0  # standard deviations to which quantities are limited
 
@@ -41,6 +42,7 @@ class Basis:
 
     mean, scale  (n,) of each quantity
     knots        (n, KNOTS) of the hats
+    places       (p,) [rad] of the hats over the link angle
     duration     [s] of the longest log
     moving       columns of the commands that are not constant
     waves        further functions
@@ -49,20 +51,21 @@ class Basis:
     mean: Array
     scale: Array
     knots: Array
+    places: Array
     duration: float
     moving: tuple[int, ...]
     waves: tuple[Wave, ...] = ()
 
     @staticmethod
-    def of(segments: Sequence[Segments], commanded: bool = True) -> Basis:
-        """Functions of the motion, and of the commands if `commanded`."""
+    def of(segments: Sequence[Segments], commanded: bool = True, places: int = KNOTS) -> Basis:
+        """Functions of the motion, and of the commands if `commanded`, with hats at so many places of the link."""
         commands = np.concatenate([each.commands for each in segments])
         moving = tuple(int(column) for column in np.flatnonzero(np.ptp(commands, axis=0) > 0.0)) if commanded else ()
         values = np.concatenate([_quantities(each, moving)[0] for each in segments])
         scale = np.maximum(values.std(axis=0), 1e-9)
-        knots = np.quantile(values, np.linspace(0.02, 0.98, KNOTS), axis=0).T
-        knots += 1e-9 * scale[:, None] * np.arange(KNOTS)  # distinct even for a constant quantity
-        return Basis(values.mean(axis=0), scale, knots, max(len(each.start) / each.rate for each in segments), moving)
+        knots = _knots(values, scale, KNOTS)
+        duration = max(len(each.start) / each.rate for each in segments)
+        return Basis(values.mean(axis=0), scale, knots, _knots(values, scale, places)[0], duration, moving)
 
     def values(self, segments: Segments) -> Array:
         """(steps, K) along a log, each constant over `ticks_of` ticks."""
@@ -71,13 +74,13 @@ class Basis:
         count = z.shape[1]
         first, second = np.triu_indices(count)
         columns = [np.ones((len(z), 1)), z, z[:, first] * z[:, second], z**3]
-        columns += [_hats(raw[:, i], self.knots[i]) for i in range(count)]
+        columns += [_hats(raw[:, i], self.knots[i]) for i in range(1, count)]
         for i in speeds:
             signs = np.tanh(raw[:, [i]] / np.array(SOFT))
             columns += [signs, raw[:, [i]] * np.abs(raw[:, [i]]) / self.scale[i] ** 2]
             columns += [signs[:, [1]] * np.abs(z[:, [j]]) for j in (*angles, *drives)]
-        here = _hats(raw[:, 0], self.knots[0])  # friction and damping that differ along the way of the link
-        columns += [here * z[:, [1]], here * np.tanh(raw[:, [1]] / SOFT[1])]
+        here = _hats(raw[:, 0], self.places)  # friction and damping that differ along the way of the link
+        columns += [here, here * z[:, [1]], here * np.tanh(raw[:, [1]] / SOFT[1])]
         columns.append(_plays(z[:, angles]))
         for i in drives:
             for lag in LAGS:
@@ -117,6 +120,11 @@ def _quantities(segments: Segments, moving: Sequence[int]) -> tuple[Array, list[
         drives.append(len(columns))
         columns.append(command[:, column])
     return np.stack(columns, axis=1), speeds, angles, drives
+
+
+def _knots(values: Array, scale: Array, count: int) -> Array:
+    """(n, count) quantiles of the quantities (N, n), distinct even for a constant quantity."""
+    return np.quantile(values, np.linspace(0.02, 0.98, count), axis=0).T + 1e-9 * scale[:, None] * np.arange(count)
 
 
 def _hats(values: Array, knots: Array) -> Array:

@@ -3,14 +3,16 @@
 On every axis with a torque, a weighted sum of the functions of `Basis` of the measured motion acts on the repaired
 plant. The weights are fitted to the fitted segments by ridge regression on the response to a pulse of torque. One
 simulation per piece of a segment and axis serves all functions and all segments. The ridge is chosen on blocks left
-out. The torque is then simulated, and the remaining residual is fitted again. Its error on held-out segments is the
-bound, or that of the named effects if it is lower.
+out, by the loss of the fits: by squares, segments with large errors would decide alone. The torque is then simulated,
+and the remaining residual is fitted again. Its error on held-out segments is the bound, or that of the named effects if
+it is lower.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -22,11 +24,11 @@ from via_gap.candidates.fit import Fit
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Segments
-from via_gap.selection.basis import Basis, Wave, ticks_of, wave_values
+from via_gap.selection.basis import FINE, KNOTS, Basis, Wave, ticks_of, wave_values
 
 PIECES = 10  # of a segment, over which a pulse of torque lasts
 PULSE = 0.01  # of the typical torque: small enough to be linear
-RIDGES = np.geomspace(1e-7, 1e-1, 5)  # relative to the diagonal of the normal matrix
+RIDGES = np.geomspace(1e-7, 1e2, 7)  # relative to the diagonal of the normal matrix
 FOLDS = 4
 BLOCK = 4  # segments that are left out together
 ROUNDS = 3
@@ -51,6 +53,10 @@ class Flexible:
     columns: tuple[int, ...]
     limits: Array
     weights: Array
+
+    def at_rest(self, problem: ResidualModel) -> Flexible:
+        """The model whose torques are zero."""
+        return replace(self, weights=np.zeros((len(self.columns), self.functions(problem)[0].shape[1])))
 
     def functions(self, problem: ResidualModel) -> list[Array]:
         """(steps, K) of the log of each view."""
@@ -88,26 +94,30 @@ def flexible(fitted: ResidualModel, start: Fit) -> Flexible:
     row[P.torque_limit : P.torque_limit + 2] = np.inf
     columns = [EXTERNAL]
     columns += [M1 + i for i in range(2) if row[P.axis_kind + 1 + i] == DYNAMIC]
-    basis = Basis.of([rollout.segments for rollout in fitted.views])
-    model = Flexible(basis, row, tuple(columns), limits, np.empty((len(columns), 0)))
-    functions = model.functions(fitted)
-    model = replace(model, weights=np.zeros((len(columns), functions[0].shape[1])))
-    residual = model.residual(fitted, functions)
+    segments = [rollout.segments for rollout in fitted.views]
+    plain = Flexible(Basis.of(segments), row, tuple(columns), limits, np.empty((len(columns), 0)))
+    model = plain.at_rest(fitted)
+    residual = model.residual(fitted, model.functions(fitted))
     pulses = [_pulses(rollout, model, rest) for rollout, rest in _parts(fitted, residual)]
     pull = fitted.weights(residual)
-    folded = _Folded.of(fitted, pulses, functions, pull, residual, model.weights)
+    tries = []
+    for places in (KNOTS, FINE):
+        model = replace(plain, basis=Basis.of(segments, places=places)).at_rest(fitted)
+        folded = _Folded.of(fitted, pulses, model.functions(fitted), pull, residual, model.weights)
+        tries.append((folded.ridge[1], model, folded))
+    _, model, folded = min(tries, key=lambda each: each[0])
     model, residual = _descended(model, residual, folded)
     waves = _waves(fitted, pulses, residual)
-    richer = replace(model, basis=replace(basis, waves=waves))
+    richer = replace(model, basis=replace(model.basis, waves=waves))
     richer = replace(richer, weights=np.pad(model.weights, ((0, 0), (0, 2 * len(waves)))))
-    without = folded.moved(residual, model.weights).ridge()[1]
+    without = folded.moved(residual, model.weights).ridge[1]
     folded = _Folded.of(fitted, pulses, richer.functions(fitted), pull, residual, richer.weights)
-    return _descended(richer, residual, folded)[0] if folded.ridge()[1] < without else model
+    return _descended(richer, residual, folded)[0] if folded.ridge[1] < without else model
 
 
 def _descended(model: Flexible, residual: Array, folded: _Folded) -> tuple[Flexible, Array]:
     """Gauss-Newton steps on the weights -> model, residual (R,). `folded` belongs to the given `residual`."""
-    fitted, (ridge, _) = folded.problem, folded.ridge()
+    fitted, (ridge, _) = folded.problem, folded.ridge
     loss = float(fitted.loss(residual))
     for round_ in range(ROUNDS):
         if round_:
@@ -161,6 +171,7 @@ class _Folded:
 
     pulses, functions  of each view, see `_pulses` and `Flexible.functions`
     weight   (R,) of the residual's values, as in the robust loss of the fits
+    residual (R,) of the total weights `reached` (columns, K)
     normals  (F, K, K) matrices
     pulls    (F, K) right-hand sides
     """
@@ -169,6 +180,8 @@ class _Folded:
     pulses: Sequence[Array]
     functions: Sequence[Array]
     weight: Array
+    residual: Array
+    reached: Array
     normals: Array
     pulls: Array
 
@@ -179,26 +192,34 @@ class _Folded:
     ) -> _Folded:  # fmt: skip
         """Normal equations of each fold at the residual of a model with `weights`."""
         normals, pulls = np.zeros((FOLDS, weights.size, weights.size)), np.zeros((FOLDS, weights.size))
-        made = _Folded(problem, pulses, functions, weight, normals, pulls)
-        for fold, matrix, rest in made._blocks(residual):
-            normals[fold] += matrix.T @ matrix
-            pulls[fold] -= matrix.T @ rest
+        made = _Folded(problem, pulses, functions, weight, residual, weights, normals, pulls)
+        for fold, where, matrix in made._blocks():
+            pulled = matrix * weight[where, None]
+            normals[fold] += pulled.T @ pulled
+            pulls[fold] -= pulled.T @ (residual[where] * weight[where])
         return replace(made, pulls=pulls + normals @ weights.reshape(-1))
 
     def moved(self, residual: Array, weights: Array) -> _Folded:
         """The same pulses at the residual of other weights."""
         pulls = self.normals @ weights.reshape(-1)
-        for fold, matrix, rest in self._blocks(residual):
-            pulls[fold] -= matrix.T @ rest
-        return replace(self, pulls=pulls)
+        for fold, where, matrix in self._blocks():
+            pulls[fold] -= matrix.T @ (residual[where] * self.weight[where] ** 2)
+        return replace(self, residual=residual, reached=weights, pulls=pulls)
 
+    @cached_property
     def ridge(self) -> tuple[float, float]:
-        """The ridge with the best predictions of folds left out, and their loss up to a constant."""
-        losses, whole, all_pulls = np.zeros(len(RIDGES)), self.normals.sum(axis=0), self.pulls.sum(axis=0)
-        for normal, pull in zip(self.normals, self.pulls, strict=True):
-            for k, ridge in enumerate(RIDGES):
-                w = solved(whole - normal, all_pulls - pull, float(ridge))
-                losses[k] += w @ normal @ w - 2.0 * w @ pull
+        """The ridge with the best predictions of folds left out, and their loss; to first order in the weights."""
+        whole, all_pulls = self.normals.sum(axis=0), self.pulls.sum(axis=0)
+        steps = np.stack(
+            [
+                [solved(whole - normal, all_pulls - pull, float(ridge)) for ridge in RIDGES]
+                for normal, pull in zip(self.normals, self.pulls, strict=True)
+            ]
+        ) - self.reached.reshape(-1)
+        predicted = np.repeat(self.residual[None], len(RIDGES), axis=0)
+        for fold, where, matrix in self._blocks():
+            predicted[:, where] += steps[fold] @ matrix.T
+        losses = self.problem.loss(predicted)
         best = int(np.argmin(losses))
         return float(RIDGES[best]), float(losses[best])
 
@@ -206,17 +227,16 @@ class _Folded:
         """(columns K,) from all folds."""
         return solved(self.normals.sum(axis=0), self.pulls.sum(axis=0), ridge)
 
-    def _blocks(self, residual: Array) -> Iterator[tuple[int, Array, Array]]:
-        """Fold, design matrix (r, columns K) and residual (r,) of each block of neighbouring segments."""
-        parts = zip(_parts(self.problem, residual), _parts(self.problem, self.weight), strict=True)
-        for ((rollout, rest), (_, pull)), values, each in zip(parts, self.functions, self.pulses, strict=True):
-            weighted = rest * pull
+    def _blocks(self) -> Iterator[tuple[int, slice, Array]]:
+        """Fold, place in a residual, and design matrix (r, columns K) of each block of neighbouring segments."""
+        begin = 0
+        for rollout, values, each in zip(_simulated(self.problem), self.functions, self.pulses, strict=True):
             for first in range(0, len(rollout.chosen), BLOCK):
                 block = slice(first, first + BLOCK)
                 there = each[:, :, block].transpose(0, 2, 3, 1) @ _pieces(rollout, values, block)  # (columns, C, r, K)
-                count = there.shape[0] * there.shape[3]
-                matrix = there.transpose(1, 2, 0, 3).reshape(-1, count) * pull[block].reshape(-1, 1)
-                yield (first // BLOCK) % FOLDS, matrix, weighted[block].reshape(-1)
+                matrix = there.transpose(1, 2, 0, 3).reshape(-1, there.shape[0] * there.shape[3])
+                yield (first // BLOCK) % FOLDS, slice(begin, begin + len(matrix)), matrix
+                begin += len(matrix)
 
 
 def _pieces(rollout: Rollout, values: Array, block: slice) -> Array:
