@@ -58,7 +58,7 @@ def based(problem: ResidualModel) -> tuple[Fit, np.ndarray]:
 def test_the_screen_puts_the_cause_first(name, effect):
     problem, base, jacobian, scales = searched(name)
     tried = directions(problem, base, locations(problem.device, problem.views[0].segments.log), scales)
-    _, location, _ = ranked(base, jacobian, tried)[0]
+    ((location, _),) = ranked(base, jacobian, tried)[0].members
     assert location == Location(effect.name, effect.site, effect.motor)
 
 
@@ -84,7 +84,7 @@ def test_the_screen_reaches_offsets_of_any_size(offset):
     effect = Effect("encoder_offset", "sensor", {"offset": offset})
     problem, base, jacobian, scales = fitted(rigid(), effect, 6.0)
     location = Location(effect.name, effect.site, effect.motor)
-    _, first, values = ranked(base, jacobian, directions(problem, base, [location], scales))[0]
+    ((first, values),) = ranked(base, jacobian, directions(problem, base, [location], scales))[0].members
     assert first == location and values == pytest.approx([offset], rel=0.25)
 
 
@@ -102,8 +102,10 @@ def test_a_second_cause_shows_once_the_first_gives_way():
     beside = problem.nuisance_jacobian(first.effects, first.offsets, first.residual)
     candidates = [each for each in locations(problem.device, segments.log) if each not in first.locations]
     tried = directions(problem, first, candidates, scales)
-    at_rest, giving_way = (ranked(first, beside, tried, s) for s in (None, member_slopes(problem, first, scales)))
-    assert giving_way[0][1] == Location("encoder_offset", "sensor", 0) != at_rest[0][1]
+    at_rest, giving_way = (
+        ranked(first, beside, tried, s)[0].members[0][0] for s in (None, member_slopes(problem, first, scales))
+    )
+    assert giving_way == Location("encoder_offset", "sensor", 0) != at_rest
 
 
 def test_all_pairs_are_compared_where_the_best_single_cause_is_in_neither():
@@ -118,11 +120,11 @@ def test_all_pairs_are_compared_where_the_best_single_cause_is_in_neither():
     ]
     residual = -(1.5 * one + 1.2 * two) + 0.01 * rng.normal(size=60)
     base = Fit((), np.zeros(2), float(residual @ residual), residual, np.empty((0, 0)))
-    assert ranked(base, jacobian, tried)[0][1].name == "viscous_friction"
+    assert ranked(base, jacobian, tried)[0].members[0][0].name == "viscous_friction"
     pairs = ranked_pairs(base, jacobian, tried)
-    assert {location.name for location, _ in pairs[0][1]} == {"coulomb_friction", "quadratic_drag"}
-    assert [value for _, (value,) in pairs[0][1]] == pytest.approx([0.15, 0.12], abs=0.01)
-    for loss, members in pairs:
+    assert {location.name for location, _ in pairs[0].members} == {"coulomb_friction", "quadratic_drag"}
+    assert [value for _, (value,) in pairs[0].members] == pytest.approx([0.15, 0.12], abs=0.01)
+    for loss, members in ((each.loss, each.members) for each in pairs):
         whole = np.hstack([jacobian, *(moved[location.name][:, None] for location, _ in members)])
         prior = np.eye(2, whole.shape[1])
         reach = [
@@ -226,5 +228,5 @@ def test_a_hardening_begins_at_a_tenth_of_the_torque_of_a_spring_under_pretensio
     location = Location.of(planted)
     (start,) = starts(location, scales, problem.device)
     assert start.directions[1]["hardening"] == pytest.approx(0.1 / scales.stretch**2)
-    _, _, (_, hardening) = ranked(base, jacobian, directions(problem, base, [location], scales))[0]
+    ((_, (_, hardening)),) = ranked(base, jacobian, directions(problem, base, [location], scales))[0].members
     assert hardening == pytest.approx(0.1, rel=0.2)  # twice as much from a start relative to the standard deviation

@@ -84,7 +84,9 @@ def _size(location: Location, values: Array, neutral: Array, which: list[int]) -
     """Distance of an effect from its absence (k,), and derivatives by its parameters (k, p)."""
     starts = location.kind.starts
     if starts is not None and starts.product:
-        return np.array([values[0] * values[1]]), np.array([[values[1], values[0]]])
+        mass, distance = values
+        size = np.array([mass * distance, mass * distance**2])  # weight and inertia: the log may show one of them only
+        return size, np.array([[distance, mass], [distance**2, 2.0 * mass * distance]])
     away = values[which] - neutral[which]
     slopes = np.eye(len(values))[which]
     if starts is not None and starts.limit:

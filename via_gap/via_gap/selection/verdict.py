@@ -26,7 +26,7 @@ from typing import Literal
 import numpy as np
 
 from via_gap.candidates.converged import converged
-from via_gap.candidates.fit import delay_sd
+from via_gap.candidates.fit import delay_sd, event_times
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.selection import reliability
@@ -187,9 +187,24 @@ def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None 
     return found[0], found[1]
 
 
-def accepted(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
-    """Whether a model with more effects is significantly better than one with fewer, by a relevant amount."""
-    return relevant(more, fewer, tuned) and (significantly_worse(fewer, more) or outdone_by(fewer, more))
+def accepted(more: Evaluation, fewer: Evaluation, tuned: Evaluation, models: Sequence[Evaluation] = ()) -> bool:
+    """Whether a model with more effects is significantly better than one with fewer, by a relevant amount.
+
+    models  all; an event has to explain more than the same model without it, not only more than `fewer`
+    """
+    if not relevant(more, fewer, tuned):
+        return False
+    return significantly_worse(fewer, more) or outdone_by(_without_events(more, models) or fewer, more)
+
+
+def _without_events(each: Evaluation, models: Sequence[Evaluation]) -> Evaluation | None:
+    """The one of `models` that lacks only the effects with a beginning or an end in time; None if there is none."""
+    lasting = [
+        location
+        for location, effect in zip(each.fit.locations, each.fit.effects, strict=True)
+        if not event_times(replace(each.fit, effects=(effect,)))
+    ]
+    return next((other for other in models if set(other.fit.locations) == set(lasting)), None)
 
 
 def relevant(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
@@ -210,7 +225,7 @@ def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
     steps = [tuned]
     for size in sorted({len(each.fit.effects) for each in models} - {0}):
         step = simplest([each for each in models if len(each.fit.effects) == size])
-        if accepted(step, steps[-1], tuned):
+        if accepted(step, steps[-1], tuned, models):
             steps.append(step)
     return steps
 

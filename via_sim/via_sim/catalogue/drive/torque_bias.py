@@ -16,7 +16,7 @@ KIND = EffectKind(
     term="u + torque",
     confused_with="asymmetric_coulomb: a hold at standstill; preset_error: does not depend on stiffness",
     sites=("motor", "sensor"),
-    parameters=(EffectParameter("torque", "N m", -1e3, 1e3, 0.0, "added torque", True),),
+    parameters=(EffectParameter("torque", "N m", -1e6, 1e6, 0.0, "added torque", True),),
     slots=(
         Slot("torque_bias", "N m", "torque without a command: drive of a rigid joint, motor 1, motor 2", 3),
         Slot("sensed_bias", "N m", "added to the measured torque: link, motor 1, motor 2", 3),

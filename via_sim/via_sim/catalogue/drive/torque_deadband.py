@@ -18,7 +18,7 @@ KIND = EffectKind(
     confused_with="coulomb_friction: holds under a load; torque_gain, torque_saturation: only small commands",
     sites=("motor",),
     parameters=(
-        EffectParameter("threshold", "N m", 0.0, 1e3, 0.0, "smallest command that passes", slot="torque_deadband"),
+        EffectParameter("threshold", "N m", 0.0, 1e6, 0.0, "smallest command that passes", slot="torque_deadband"),
     ),
     slots=(Slot("torque_deadband", "N m", "commanded torques below it do not pass the drive", 3),),
     terms=(Term("command", _passed),),

@@ -21,8 +21,8 @@ KIND = EffectKind(
     sites=("motor", "link"),
     needs_torque_drive=True,
     parameters=(
-        EffectParameter("forward", "N m", 0.0, 1e3, 0.0, "friction while the angle increases", True),
-        EffectParameter("backward", "N m", 0.0, 1e3, 0.0, "friction while the angle decreases", True),
+        EffectParameter("forward", "N m", 0.0, 1e6, 0.0, "friction while the angle increases", True),
+        EffectParameter("backward", "N m", 0.0, 1e6, 0.0, "friction while the angle decreases", True),
     ),
     slots=(Slot("friction_asymmetry", "N m", "half the difference of forward and backward dry friction", 3),),
     write=_write,

@@ -21,8 +21,8 @@ KIND = EffectKind(
     sites=("motor", "link"),
     needs_torque_drive=True,
     parameters=(
-        EffectParameter("forward", "N m s/rad", -1e2, 1e2, 0.0, "added while the angle increases", True),
-        EffectParameter("backward", "N m s/rad", -1e2, 1e2, 0.0, "added while the angle decreases", True),
+        EffectParameter("forward", "N m s/rad", -1e6, 1e6, 0.0, "added while the angle increases", True),
+        EffectParameter("backward", "N m s/rad", -1e6, 1e6, 0.0, "added while the angle decreases", True),
     ),
     slots=(Slot("viscous_asymmetry", "N m s/rad", "half the difference of forward and backward friction", 3),),
     write=_write,

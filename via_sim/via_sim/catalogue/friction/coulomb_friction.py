@@ -18,7 +18,7 @@ KIND = EffectKind(
     confused_with="viscous_friction, quadratic_drag: several speeds",
     sites=("motor", "link"),
     needs_torque_drive=True,
-    parameters=(EffectParameter("torque", "N m", 0.0, 1e3, 0.0, "breakaway and kinetic friction", True),),
+    parameters=(EffectParameter("torque", "N m", 0.0, 1e6, 0.0, "breakaway and kinetic friction", True),),
     write=_write,
     starts=one(torque=tenth),
     adds=True,

@@ -16,7 +16,7 @@ KIND = EffectKind(
     sites=("motor", "link"),
     needs_torque_drive=True,
     parameters=(
-        EffectParameter("torque", "N m", 0.0, 1e3, 0.0, "friction when sliding", slot="bristle_torque"),
+        EffectParameter("torque", "N m", 0.0, 1e6, 0.0, "friction when sliding", slot="bristle_torque"),
         EffectParameter(
             "stiffness", "N m/rad", 1e-2, 1e6, 1e2, "stiffness of the bristle at rest", slot="bristle_stiffness"
         ),

@@ -20,7 +20,7 @@ KIND = EffectKind(
     needs_torque_drive=True,
     parameters=(
         EffectParameter(
-            "coefficient", "N m s^2/rad^2", 0.0, 1e2, 0.0, "torque at 1 rad/s", True, slot="quadratic_drag"
+            "coefficient", "N m s^2/rad^2", 0.0, 1e6, 0.0, "torque at 1 rad/s", True, slot="quadratic_drag"
         ),
     ),
     slots=(Slot("quadratic_drag", "N m s^2/rad^2", "times v |v|", 3),),

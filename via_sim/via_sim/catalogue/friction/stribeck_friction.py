@@ -23,8 +23,8 @@ KIND = EffectKind(
     sites=("motor", "link"),
     needs_torque_drive=True,
     parameters=(
-        EffectParameter("breakaway", "N m", 0.0, 1e3, 0.0, "friction at standstill", True),
-        EffectParameter("kinetic", "N m", 0.0, 1e3, 0.0, "friction at speed, at most breakaway", True),
+        EffectParameter("breakaway", "N m", 0.0, 1e6, 0.0, "friction at standstill", True),
+        EffectParameter("kinetic", "N m", 0.0, 1e6, 0.0, "friction at speed, at most breakaway", True),
         EffectParameter(
             "velocity", "rad/s", 1e-3, 1e2, 1.0, "speed at which 1/e of the difference is left",
             slot="stribeck_velocity",

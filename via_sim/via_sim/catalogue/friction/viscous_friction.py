@@ -27,7 +27,7 @@ KIND = EffectKind(
     confused_with="coulomb_friction: several speeds",
     sites=("motor", "link"),
     needs_torque_drive=True,
-    parameters=(EffectParameter("coefficient", "N m s/rad", -1e2, 1e2, 0.0, "added to the device value", True),),
+    parameters=(EffectParameter("coefficient", "N m s/rad", -1e6, 1e6, 0.0, "added to the device value", True),),
     write=_write,
     starts=one(coefficient=tenth_viscous),
     adds=True,

@@ -29,7 +29,7 @@ KIND = EffectKind(
     parameters=(
         EffectParameter("angle", "rad", -10.0, 10.0, 0.0, "of the wall", slot="contact_angle"),
         EffectParameter("stiffness", "N m/rad", 0.0, 1e6, 0.0, "of the wall", True, slot="contact_stiffness"),
-        EffectParameter("damping", "N m s/rad", 0.0, 1e4, 0.0, "of the wall", True, slot="contact_damping"),
+        EffectParameter("damping", "N m s/rad", 0.0, 1e6, 0.0, "of the wall", True, slot="contact_damping"),
         EffectParameter(
             "side", "-", -1.0, 1.0, 1.0, "1: wall at larger angles, -1: at smaller ones", slot="contact_side"
         ),

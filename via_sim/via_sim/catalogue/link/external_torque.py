@@ -30,7 +30,7 @@ KIND = EffectKind(
     confused_with="gravity_error, torque_bias: depends on time and not on the angle",
     sites=("environment",),
     parameters=(
-        EffectParameter("torque", "N m", -1e3, 1e3, 0.0, "on the link", True, slot="pulse_torque"),
+        EffectParameter("torque", "N m", -1e6, 1e6, 0.0, "on the link", True, slot="pulse_torque"),
         EffectParameter("start", "s", 0.0, NEVER, 0.0, _SINCE, slot="pulse_start"),
         EffectParameter("stop", "s", 0.0, NEVER, NEVER, _SINCE, slot="pulse_stop"),
     ),

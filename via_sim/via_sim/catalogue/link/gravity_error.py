@@ -22,7 +22,7 @@ KIND = EffectKind(
     confused_with="payload: changes inertia as well",
     sites=("link",),
     parameters=(
-        EffectParameter("torque", "N m", -1e3, 1e3, 0.0, _ADDED, True, slot="gravity_torque", adds=True),
+        EffectParameter("torque", "N m", -1e6, 1e6, 0.0, _ADDED, True, slot="gravity_torque", adds=True),
         EffectParameter("angle", "rad", -pi, pi, 0.0, _ADDED, slot="gravity_angle", adds=True),
     ),
     starts=Starts(_NAMES, _starts),

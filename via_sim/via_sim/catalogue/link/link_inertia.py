@@ -22,7 +22,7 @@ KIND = EffectKind(
     sites=("link",),
     parameters=(
         EffectParameter(
-            "inertia", "kg m^2", -1e3, 1e3, 0.0, "added to the device value", True, slot="inertia", adds=True
+            "inertia", "kg m^2", -1e6, 1e6, 0.0, "added to the device value", True, slot="inertia", adds=True
         ),
     ),
     write=_write,

@@ -25,7 +25,7 @@ KIND = EffectKind(
     confused_with="gravity_error: a larger range of angles; payload: changes inertia as well",
     sites=("link",),
     parameters=(
-        EffectParameter("stiffness", "N m/rad", 0.0, 1e4, 0.0, "of the spring", True, slot="link_spring"),
+        EffectParameter("stiffness", "N m/rad", 0.0, 1e6, 0.0, "of the spring", True, slot="link_spring"),
         EffectParameter("rest", "rad", -4.0 * pi, 4.0 * pi, 0.0, "angle without torque", slot="link_spring_rest"),
     ),
     slots=(

@@ -13,7 +13,7 @@ KIND = EffectKind(
     confused_with="spring_law, preset_error: loading against unloading; presliding_friction: acts on both sides",
     sites=("transmission",),
     parameters=(
-        EffectParameter("torque", "N m", 0.0, 1e3, 0.0, "torque at which it slips", slot="hysteresis_torque"),
+        EffectParameter("torque", "N m", 0.0, 1e6, 0.0, "torque at which it slips", slot="hysteresis_torque"),
         EffectParameter(
             "stiffness", "N m/rad", 1e-2, 1e6, 1.0, "stiffness until it slips", slot="hysteresis_stiffness"
         ),

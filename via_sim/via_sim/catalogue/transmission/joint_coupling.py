@@ -13,7 +13,7 @@ KIND = EffectKind(
     sites=("transmission", "link"),
     parameters=(
         EffectParameter(
-            "stiffness", "N m/rad", -1e3, 1e3, 0.0, "torque per angle of the neighbour", True, slot="coupling"
+            "stiffness", "N m/rad", -1e6, 1e6, 0.0, "torque per angle of the neighbour", True, slot="coupling"
         ),
     ),
     slots=(

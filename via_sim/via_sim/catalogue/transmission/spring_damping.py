@@ -13,7 +13,7 @@ KIND = EffectKind(
     sites=("transmission",),
     parameters=(
         EffectParameter(
-            "coefficient", "N m s/rad", 0.0, 1e2, 0.0, "torque per rate of deflection", True, slot="spring_damping"
+            "coefficient", "N m s/rad", 0.0, 1e6, 0.0, "torque per rate of deflection", True, slot="spring_damping"
         ),
     ),
     slots=(Slot("spring_damping", "N m s/rad", "damping of the rate of deflection", 2),),
