@@ -13,7 +13,7 @@ from via_core.signals import Signals
 from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.converged import converged
 from via_gap.candidates.covariance import clustered_covariance, covariance_of
-from via_gap.candidates.fit import Fit, fit_device_parameters, fit_on, member_slopes, refine
+from via_gap.candidates.fit import Budget, Fit, fit_device_parameters, fit_on, member_slopes, refine
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs
@@ -76,6 +76,22 @@ def test_a_fit_finds_the_planted_numbers_from_a_poor_start(name, effect, start):
     # Beside servos all torques may grow in one proportion.
     off = 1.1 * BOUND * problem.device.tolerances.spring if name == "servo" else 0.01
     assert dict(fit.effects[0].parameters) == pytest.approx(dict(effect.parameters), rel=off)
+
+
+def test_a_fit_begins_at_the_offsets_with_the_least_loss():
+    """Beside device parameters as filed, the true amount leaves more than none: one step does not show what it can."""
+    log = log_of(rigid(), (Effect("coulomb_friction", "link", {"torque": 0.1}),), seed=7, duration=6.0)
+    segments = cut_log(log)
+    problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
+    scales = scales_of([segments], [None], segments.time, np.ones(len(segments)))
+    members = [(Location("coulomb_friction", "link", 0), [0.1])]
+    filed = fit_on(problem, Fit((), np.zeros(len(problem.nuisances)), 0.0, np.empty(0), np.empty((0, 0))))
+    fitted = refine(problem, filed, members, scales)
+    begun = [refine(problem, filed, members, scales, Budget(rounds=0), None, each) for each in ([], [fitted.offsets])]
+    assert begun[1].loss < 0.1 * begun[0].loss
+    assert begun[1].offsets == pytest.approx(fitted.offsets)
+    worse = refine(problem, fitted, members, scales, Budget(rounds=0), None, [filed.offsets])
+    assert worse.offsets == pytest.approx(fitted.offsets)
 
 
 @pytest.mark.parametrize("offset", [-0.004, 0.17, 0.6])

@@ -55,8 +55,17 @@ def test_a_payload_counts_by_its_product():
     covariance = 2.0 * along**2 * np.outer(trade, trade) + across**2 * outward
     assert np.sqrt(covariance[0, 0]) / mass > 0.8
     assert doubt(fit(PAYLOAD, covariance, mass, distance), scales()) == ""
-    unknown = covariance + 2.0 * outward
+    unknown = covariance + 2.0 * np.diag([mass, distance]) ** 2
     assert doubt(fit(PAYLOAD, unknown, mass, distance), scales()).endswith("consistent with zero")
+
+
+def test_a_payload_counts_by_its_inertia_where_its_weight_is_not_known():
+    """Twice the mass at 1 / sqrt(2) of the distance has the same inertia, which is known to 1 %."""
+    mass, distance, gradient = 0.5, 0.2, np.array([0.2**2, 2.0 * 0.5 * 0.2])
+    trade = np.array([mass, -0.5 * distance])
+    inward = gradient / (gradient @ gradient) * 0.01 * mass * distance**2
+    covariance = 4.0 * np.outer(trade, trade) + np.outer(inward, inward)
+    assert doubt(fit(PAYLOAD, covariance, mass, distance), scales()) == ""
 
 
 def test_a_number_at_the_end_of_its_range_is_not_named():

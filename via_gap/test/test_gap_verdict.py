@@ -11,6 +11,7 @@ import pytest
 from gap_models import BACKLASH, COULOMB, DAMPING, DRAG, INERTIA, PAYLOAD, PLACES, STRIBECK, VISCOUS, evaluated
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from via_gap.candidates.fit import event_times
 from via_gap.candidates.location import Location
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.numbers import NUMBERS
@@ -419,3 +420,18 @@ def test_a_better_effect_of_another_kind_stays_a_rival_and_a_special_case_wins_u
     assert beside(INERTIA, PAYLOAD).named == (PAYLOAD,)
     assert set(beside(INERTIA, PAYLOAD).equivalent) == {PAYLOAD, INERTIA}
     assert beside(COULOMB, STRIBECK).equivalent == (COULOMB,)
+
+
+def test_an_event_that_does_nothing_is_not_accepted_for_what_its_companion_explains():
+    """Beside the smaller model the largest error falls tenfold, but so it does without the event."""
+    tuned = even(1e4)
+    push = Location("external_torque", "environment", 0)
+
+    def rare(square: float, *locations: Location) -> Evaluation:  # in too few segments for resamples
+        return evaluated(np.where(np.arange(SEGMENTS) < 2, square, 1.0), *locations)
+
+    small, same, more = rare(4e4, DRAG), rare(4e3, DRAG, INERTIA), rare(4e3, DRAG, INERTIA, push)
+    assert event_times(more.fit)
+    assert accepted(more, small, tuned)
+    assert not accepted(more, small, tuned, [small, same, more])
+    assert accepted(rare(40.0, DRAG, INERTIA, push), small, tuned, [small, same])
