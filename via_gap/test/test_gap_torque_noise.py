@@ -75,12 +75,12 @@ def test_a_right_model_leaves_no_more_than_noise_in_both_views():
     log = sensed(log_of(rigid(), (), seed=4, duration=8.0, tolerance=0.0))
     segments = cut_log(log)
     chosen, row = np.flatnonzero(segments.valid), segments.nominal
-    blind = replace(segments, torque_density=np.zeros_like(segments.torque_density))
-    known, unknown = (Rollout.of(each, chosen).residual(row[None])[0] for each in (segments, blind))
+    unaware = replace(segments, torque_density=np.zeros_like(segments.torque_density))
+    known, unknown = (Rollout.of(each, chosen).residual(row[None])[0] for each in (segments, unaware))
     assert np.mean(known**2) == pytest.approx(1.0, abs=0.1)
     assert np.mean(unknown**2) > 30.0
     assert np.mean(InverseDynamics.of(segments, chosen).residual(row[None]) ** 2) == pytest.approx(1.0, abs=0.2)
-    assert np.mean(InverseDynamics.of(blind, chosen).residual(row[None]) ** 2) > 5.0
+    assert np.mean(InverseDynamics.of(unaware, chosen).residual(row[None]) ** 2) > 5.0
 
 
 def test_each_motor_has_the_noise_of_its_own_torque():
