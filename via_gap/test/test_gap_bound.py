@@ -132,12 +132,12 @@ def test_functions_that_a_log_cannot_tell_apart_are_solved_for():
 
 @pytest.mark.parametrize("effects", [(), (DRAG,)], ids=["no gap", "a gap"])
 def test_a_few_gross_outliers_do_not_move_the_bound(effects):
-    """Pushed in three of the fitted segments, each by hundreds of standard deviations: by squares, the torque of every
+    """Pushed in three of the fitted segments, each by thousands of standard deviations: by squares, the torque of every
     segment would follow."""
     fitted, evaluated, base, segments = prepared(joint(), effects, 20.0)
     chosen = fitted.views[0].chosen
     measured = segments.measured.copy()
-    measured[chosen[[5, 17, 29]]] += 0.02 * np.linspace(0.0, 1.0, measured.shape[1])[:, None] ** 2
+    measured[chosen[[5, 17, 29]]] += 0.1 * np.linspace(0.0, 1.0, measured.shape[1])[:, None] ** 2
     pushed = replace(segments, measured=measured)
 
     def reached(of: Segments, robust: bool) -> float:
@@ -148,15 +148,15 @@ def test_a_few_gross_outliers_do_not_move_the_bound(effects):
         assert reached(pushed, True) < 0.05 * evaluate(evaluated, [base])[0].mean_square
         return
     assert reached(pushed, True) == pytest.approx(reached(segments, True), rel=0.05)
-    assert reached(pushed, False) > 5.0
+    assert reached(pushed, False) > 100.0
 
 
 def test_a_kink_is_in_reach_and_segments_without_it_stay_explained():
     """A wall at .3 rad: with wide hats, or a ridge chosen by squares, segments away from it would get worse."""
     wall = Effect("contact", "environment", {"angle": 0.3, "stiffness": 3.0, "damping": 0.1, "side": 1.0})
     fitted, evaluated, base, _ = prepared(rigid(), (wall,), 16.0)
-    model = flexible(fitted, base)
+    model = flexible(replace(fitted, robust=True), base)
     (left,) = evaluate(evaluated, [base])
     reached = evaluated.per_segment(model.residual(evaluated, model.functions(evaluated)))
-    assert np.mean(reached) < 0.03 * left.mean_square
-    assert np.mean(np.log1p(reached)) < left.score - 2.0
+    assert np.mean(reached) < 0.01 * left.mean_square
+    assert np.mean(np.log1p(reached)) < left.score - 4.0

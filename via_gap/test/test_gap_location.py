@@ -131,7 +131,7 @@ def test_no_effect_is_put_twice_at_one_place():
     moved, residual = rng.normal(size=(3, 40, 1)), rng.normal(size=40)
     tried = [Direction(at, Start(({"gain": 1.1},), ("gain",)), each) for at, each in zip((BOTH, *EACH), moved)]
     base = Fit((), np.zeros(1), float(residual @ residual), residual, np.empty(0))
-    pairs = [{place for place, _ in each.members} for each in ranked_pairs(base, rng.normal(size=(40, 1)), tried)]
+    pairs = [{place for place, _ in members} for _, members in ranked_pairs(base, rng.normal(size=(40, 1)), tried)]
     assert pairs == [set(EACH)]
 
     class Nothing:

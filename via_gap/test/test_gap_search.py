@@ -42,8 +42,8 @@ def test_a_cause_that_a_linear_prediction_ranks_low_is_fitted():
         experiment.fitted, experiment.evaluate, lambda _: True, experiment.tuned, candidates_of(experiment)
     )
     places = ranked(search.start, search.jacobian, search.tried)
-    predicted = [each.members[0][0].name for each in places].index("load_dependent_friction")
-    fits = search._raced(search.start, places, search.jacobian, 4)
+    predicted = [place.name for _, place, _ in places].index("load_dependent_friction")
+    fits = search._raced(search.start, [[(p, v)] for _, p, v in places], search.jacobian, 4)
     best = min(fits, key=lambda each: each.loss)
     assert predicted > 4 and len(fits) == 4  # the prediction alone would have left it out
     assert best.locations[0].name == "load_dependent_friction" and best.loss < 0.05 * search.start.loss

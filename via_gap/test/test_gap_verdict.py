@@ -408,20 +408,6 @@ def test_the_best_of_models_is_taken_unless_a_plainer_one_at_its_place_does_as_w
     assert simplest([*good, leaving(1.22, VISCOUS, seed=3)]).fit.locations == (DAMPING,)
 
 
-def test_a_better_effect_of_another_kind_stays_a_rival_and_a_special_case_wins_unless_it_is_refuted():
-    """Both richer models have a smaller loss by .1, three times the margin, with an uncertainty of as much."""
-    apart = np.repeat(0.6 * np.random.default_rng(3).permutation(np.linspace(-1.0, 1.0, 10)), 4) + 0.1
-
-    def beside(plain: Location, rich: Location) -> Decision:
-        models = [evaluated(np.full(SEGMENTS, 9.0), plain), evaluated(10.0 * np.exp(-apart) - 1.0, rich)]
-        assert 0.09 < models[0].score - models[1].score < 0.11
-        return decide(leaving(1e4), models, reaching(3.0))
-
-    assert beside(INERTIA, PAYLOAD).named == (PAYLOAD,)
-    assert set(beside(INERTIA, PAYLOAD).equivalent) == {PAYLOAD, INERTIA}
-    assert beside(COULOMB, STRIBECK).equivalent == (COULOMB,)
-
-
 def test_an_event_that_does_nothing_is_not_accepted_for_what_its_companion_explains():
     """Beside the smaller model the largest error falls tenfold, but so it does without the event."""
     tuned = even(1e4)

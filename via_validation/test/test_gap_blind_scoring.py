@@ -19,7 +19,7 @@ from via_validation.commands.gap_blind import app
 from via_validation.sealed.evaluation import Evaluation, Shrinkage, evaluate
 from via_validation.sealed.intervals import IntervalCheck
 from via_validation.sealed.measuring import shrinkage_of
-from via_validation.sealed.page import as_json, markdown, picture, reason, write_page
+from via_validation.sealed.page import as_json, cases_markdown, picture, reason, write_page
 from via_validation.sealed.plan import plan
 from via_validation.sealed.rightness import Cause
 from via_validation.sealed.running import RUNS, command_words, run_cases
@@ -214,17 +214,19 @@ def test_calibration_of_certainty_and_of_nothing() -> None:
     assert score([]).numbers[0].value is None and score([]).numbers[0].kept is False
 
 
-def test_the_page_lists_every_miss_and_every_case(tmp_path: Path) -> None:
+def test_the_pages_list_every_number_and_every_case_once(tmp_path: Path) -> None:
     scored = score(cases())
     write_page(scored, tmp_path, "commit abc: via gap blind score")
     text = (tmp_path / "gap.md").read_text()
-    misses = text.partition("## Every miss")[2].partition("## Every case")[0]
+    listed = (tmp_path / "gap-cases.md").read_text()
+    misses = listed.partition("## Not missed")[0]
     assert re.findall(r"case_\d+", misses) == ["case_002", "case_003", "case_005", "case_009", "case_011"]
-    assert len(set(re.findall(r"case_\d+", text.partition("## Every case")[2]))) == 12
+    assert sorted(re.findall(r"case_\d+", listed)) == [f"case_{number:03}" for number in range(12)]
+    assert "5 cases missed;\n[every case](gap-cases.md)." in text and "](gap.md)" in listed and "commit abc" in listed
     assert "### Full, dirty" in text and "### Encoder and command" in text and "### Degraded recordings" in text
     assert "| coulomb_friction: torque | 2 | 0.50 |" in text
     assert "took too long" in misses and "commit abc" in text and "MISSED" in text
-    for line in text.splitlines():
+    for line in [*text.splitlines(), *listed.splitlines()]:
         if line.startswith("|"):
             assert line.endswith("|")
     ElementTree.fromstring((tmp_path / "gap-reliability.svg").read_text())
@@ -233,7 +235,7 @@ def test_the_page_lists_every_miss_and_every_case(tmp_path: Path) -> None:
     lacking = replace(scored.evaluations[5], inside=(IntervalCheck("torque_ripple", "amplitude", inf),))
     written = json.dumps(as_json(replace(scored, evaluations=(lacking,))), allow_nan=False)
     assert json.loads(written)["cases"][0]["inside"][0]["distance"] is None
-    assert "None." in markdown(Score((), (), ()), "")
+    assert cases_markdown(Score((), (), ()), "").count("None.") == 2
 
 
 def fake(folder: Path, script: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from via_gap.selection import reliability
 from via_validation.calibration import Calibrated, calibrated
 
@@ -25,12 +26,12 @@ def test_no_set_is_stated_for_signals_that_were_not_calibrated(monkeypatch):
 def test_intervals_are_as_wide_as_the_distances_of_known_parameters():
     """Of 39 distances the second largest is the 95 % quantile; intervals that are too wide do not get narrower."""
 
-    def wider(distances: list[float]) -> float:
-        case = Calibrated("effect", "full", 0.1, True, 1.0, tuple(distances))
+    def wider(distances: list[float], widened: float = 1.0) -> float:
+        case = Calibrated("effect", "full", 0.1, True, 1.0, tuple(distances), widened)
         return calibrated([case], "a test", "1").wider
 
     distances = [*np.linspace(0.0, 1.5, 37), 2.0, 7.0]
-    assert wider(distances) == 2.0
+    assert wider(distances) == 2.0 and wider([each / 3.0 for each in distances], 3.0) == pytest.approx(2.0)
     assert wider([*distances, np.inf]) == 2.0  # no width holds a harmonic that the answer lacks
     assert wider([each / 10.0 for each in distances]) == 1.0
     assert wider(distances[19:]) == 2.0

@@ -20,8 +20,8 @@ class Calibrated:
 
     left       squared held-out error that the first cause leaves; None: the answer has no causes
     truth      share of the true cause in the report (of several the smallest); None: no cause can be found
-    distances  of the true parameters of named effects from the reported ones, over half the 95 % interval before it was
-               widened
+    distances  of the true parameters of named effects from the reported ones, over half the 95 % interval
+    widened    factor by which an earlier calibration widened these intervals
     """
 
     verdict: str
@@ -30,6 +30,7 @@ class Calibrated:
     first_right: bool
     truth: float | None
     distances: tuple[float, ...] = ()
+    widened: float = 1.0
 
 
 def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str) -> Reliability:
@@ -44,7 +45,7 @@ def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str) -> Relia
             shares.setdefault(each.level, []).append(each.truth)
     least = {level: _least(values) for level, values in shares.items()}
     cases = {level: len(values) for level, values in shares.items()}
-    distances = [distance for each in answered for distance in each.distances]
+    distances = [each.widened * distance for each in answered for distance in each.distances]
     return Reliability(
         origin=origin, seeds=seeds, verdicts=verdicts, least_share=least, cases=cases,
         wider=max(_holding(distances), 1.0), parameters=len(distances),

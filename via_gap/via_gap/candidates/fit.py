@@ -335,20 +335,17 @@ def refine(
     scales: Scales,
     budget: Budget = Budget(),
     jacobian: Array | None = None,
-    offsets: Sequence[Array] = (),
 ) -> Fit | None:
     """Gauss-Newton fit of the effects `members` (with initial values) and the nuisance parameters together.
 
     base      fit whose offsets are the initial ones
     jacobian  (R, J) of the nuisances at `base`; None: computed here
-    offsets   others (J,) to begin from if their loss is less
 
     None if the initial values are not valid together.
     """
     axes = Axes.of(problem, members, scales)
     many = len(axes.size)
-    values = [value for _, own in members for value in own]
-    here = axes.best([axes.coordinates(each, values) for each in (base.offsets, *offsets)])
+    here = axes.best([axes.coordinates(base.offsets, [value for _, values in members for value in values])])
     if not np.isfinite(here.loss):
         return None
     fresh, damping = jacobian is None, 0.0

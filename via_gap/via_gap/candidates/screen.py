@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from operator import attrgetter
 
 import numpy as np
 from via_core.signals import Array
@@ -36,13 +35,7 @@ class Direction:
     moved: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Guess:
-    """Effects with values and device parameters with offsets (J,) to start a fit from, and their predicted loss."""
-
-    loss: float
-    members: Members
-    offsets: Array
+Ranked = list[tuple[float, Location, list[float]]]  # predicted loss, location, values to start from; best first
 
 
 def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location], scales: Scales) -> list[Direction]:
@@ -66,7 +59,7 @@ def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location]
     return found
 
 
-def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array | None = None) -> list[Guess]:
+def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array | None = None) -> Ranked:
     """Candidates by the predicted loss with the best amounts of their directions, beside the effects of `base`.
 
     slopes  (R, k) derivatives of the residual by the effect parameters of `base`, which are then fitted as well: often
@@ -80,10 +73,11 @@ def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array
         base = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
         tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
     screen = _Screen.of(base, jacobian, tried)
-    return sorted(map(screen.predicted, combinations(screen.best_starts(), 1)), key=attrgetter("loss"))
+    alone = map(screen.predicted, combinations(screen.best_starts(), 1))
+    return sorted(((loss, location, values) for loss, ((location, values),) in alone), key=lambda each: each[0])
 
 
-def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list[Guess]:
+def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list[tuple[float, Members]]:
     """All pairs of candidates by the predicted loss with the best amounts of both.
 
     Pairs of one effect at a common site are left out. Each candidate is represented by its best start alone.
@@ -91,7 +85,7 @@ def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list
     screen = _Screen.of(base, jacobian, tried)
     pairs = combinations(screen.best_starts(), 2)
     apart = [(one, two) for one, two in pairs if not tried[one].location.overlaps(tried[two].location)]
-    return sorted(map(screen.predicted, apart), key=attrgetter("loss"))
+    return sorted(map(screen.predicted, apart), key=lambda each: each[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +121,13 @@ class _Screen:
         """Index in `tried` of the best start of each location."""
         best: dict[Location, tuple[float, int]] = {}
         for number, each in enumerate(self.tried):
-            loss = self.predicted((number,)).loss
+            loss, _ = self.predicted((number,))
             if each.location not in best or loss < best[each.location][0]:
                 best[each.location] = (loss, number)
         return [number for _, number in best.values()]
 
-    def predicted(self, which: Sequence[int]) -> Guess:
-        """The best amounts of some of `tried` and the best nuisances."""
+    def predicted(self, which: Sequence[int]) -> tuple[float, Members]:
+        """Predicted loss with the best amounts of some of `tried` and the best nuisances, and the parameter values."""
         count = len(self.base.offsets)
         columns = [np.arange(self.first[each], self.first[each + 1]) for each in which]
         chosen = np.concatenate([np.arange(count), *columns])
@@ -146,4 +140,4 @@ class _Screen:
             if not np.any(np.abs(amounts) > LEAST):
                 amounts = np.clip(np.full(len(own), LEAST), self.low[own], self.high[own])
             members.append((each.location, combined(each.location, each.start, amounts.tolist())))
-        return Guess(loss, members, self.base.offsets + step[:count])
+        return loss, members

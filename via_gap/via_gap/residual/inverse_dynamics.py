@@ -24,7 +24,7 @@ from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array, Indices, Mask
 from via_core.weak_form import window_weights
-from via_sim.joint.layout import EXTERNAL, POWER
+from via_sim.joint.layout import EXTERNAL, M1, POWER
 from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 
@@ -306,5 +306,5 @@ def _floor(nominal: Array, segments: Segments, slopes: Array, axes: tuple[int, .
     inertial = nominal[P.inertia :][each] * sizes[2]
     viscous = nominal[P.viscous_friction :][each] * sizes[1]  # dominates for a light motor with much damping
     own = (inertial**2 + viscous**2) * noise[each] ** 2  # psi' and psi'' are orthogonal
-    driven = segments.torque_density[[axis - 1 if axis else EXTERNAL for axis in each]] * segments.rate
+    driven = segments.torque_density[[M1 + axis - 1 if axis else EXTERNAL for axis in each]] * segments.rate
     return np.sqrt(own + (slopes**2 @ noise**2 + driven) * sizes[0] ** 2 + SMALLEST**2)

@@ -38,7 +38,7 @@ from via_gap.residual.unseen import UnseenMotors
 
 HUGE = 1e6  # in place of an overflow
 UNIT = np.eye(6)  # rows: one entry of a start each
-UNSEEN = 0.1  # of the noise: smaller errors of a segment by start, gaps and torque noise together add .5 % to it
+NEGLIGIBLE = 0.1  # of the noise: errors by start, gaps and torque noise that change a residual by less than .5 %
 LEAD = 0.06  # [s] longer than any lag between channels
 
 
@@ -355,8 +355,8 @@ class Rollout:
         columns = columns * (self.segments.weight[self.chosen] / self.segments.noise)[..., None]
         flat = columns.reshape(len(self.chosen), self.size, len(changes))
         basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
-        seen = int(np.max(np.sum(sizes > UNSEEN, axis=1), initial=1))
-        return replace(self, basis=basis[..., :seen], shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :seen] ** 2))
+        kept = int(np.max(np.sum(sizes > NEGLIGIBLE, axis=1), initial=1))
+        return replace(self, basis=basis[..., :kept], shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :kept] ** 2))
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), commands as in `motion`; overflow gives a huge value."""

@@ -54,9 +54,13 @@ class Flexible:
     limits: Array
     weights: Array
 
-    def at_rest(self, problem: ResidualModel) -> Flexible:
-        """The model whose torques are zero."""
-        return replace(self, weights=np.zeros((len(self.columns), self.functions(problem)[0].shape[1])))
+    @staticmethod
+    def without_torque(
+        problem: ResidualModel, basis: Basis, row: Array, columns: tuple[int, ...], limits: Array
+    ) -> Flexible:
+        """The model whose weights are zero."""
+        count = basis.values(problem.views[0].segments).shape[1]
+        return Flexible(basis, row, columns, limits, np.zeros((len(columns), count)))
 
     def functions(self, problem: ResidualModel) -> list[Array]:
         """(steps, K) of the log of each view."""
@@ -95,17 +99,15 @@ def flexible(fitted: ResidualModel, start: Fit) -> Flexible:
     columns = [EXTERNAL]
     columns += [M1 + i for i in range(2) if row[P.axis_kind + 1 + i] == DYNAMIC]
     segments = [rollout.segments for rollout in fitted.views]
-    plain = Flexible(Basis.of(segments), row, tuple(columns), limits, np.empty((len(columns), 0)))
-    model = plain.at_rest(fitted)
-    residual = model.residual(fitted, model.functions(fitted))
-    pulses = [_pulses(rollout, model, rest) for rollout, rest in _parts(fitted, residual)]
+    models = [
+        Flexible.without_torque(fitted, Basis.of(segments, places=places), row, tuple(columns), limits)
+        for places in (KNOTS, FINE)
+    ]
+    residual = models[0].residual(fitted, models[0].functions(fitted))
+    pulses = [_pulses(rollout, models[0], rest) for rollout, rest in _parts(fitted, residual)]
     pull = fitted.weights(residual)
-    tries = []
-    for places in (KNOTS, FINE):
-        model = replace(plain, basis=Basis.of(segments, places=places)).at_rest(fitted)
-        folded = _Folded.of(fitted, pulses, model.functions(fitted), pull, residual, model.weights)
-        tries.append((folded.ridge[1], model, folded))
-    _, model, folded = min(tries, key=lambda each: each[0])
+    tries = [_Folded.of(fitted, pulses, each.functions(fitted), pull, residual, each.weights) for each in models]
+    model, folded = min(zip(models, tries, strict=True), key=lambda pair: pair[1].ridge[1])
     model, residual = _descended(model, residual, folded)
     waves = _waves(fitted, pulses, residual)
     richer = replace(model, basis=replace(model.basis, waves=waves))

@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import FINISHING, Budget, Fit, fit_on, member_slopes, members_of, refine
+from via_gap.candidates.fit import FINISHING, Budget, Fit, Members, fit_on, member_slopes, members_of, refine
 from via_gap.candidates.gear_friction import with_gear_terms
 from via_gap.candidates.location import Location
 from via_gap.candidates.periodic import with_harmonics
 from via_gap.candidates.scales import Scales
-from via_gap.candidates.screen import Direction, Guess, directions, ranked, ranked_pairs
+from via_gap.candidates.screen import Direction, directions, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
@@ -137,19 +137,19 @@ class Search:
             jacobian = self.few.nuisance_jacobian(here.effects, here.offsets, here.residual)
             slopes = member_slopes(self.few, here, self.scales)
             known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
-            near = [each.members[0][0] for each in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
+            near = [location for _, location, _ in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
             hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)
-        joined = [replace(each, members=[*members_of(fit), *each.members]) for each in hopeful]
-        return self._raced(here, joined, jacobian, most, rival)
+        members = [[*members_of(fit), (location, values)] for _, location, values in hopeful]
+        return self._raced(here, members, jacobian, most, rival)
 
     def _raced(
-        self, base: Fit, guesses: Sequence[Guess], jacobian: np.ndarray, most: int, rival: float = 0.0
+        self, base: Fit, candidates: Sequence[Members], jacobian: np.ndarray, most: int, rival: float = 0.0
     ) -> list[Fit]:
-        """Fits on the subset of the best `most` of some guesses, after one step of each.
+        """Fits on the subset of the best `most` of some candidates, after one step of each from `base`.
 
         Far from a model that explains the motion, a linear prediction ranks them wrongly; one step shows by how much.
         """
-        first = [refine(self.few, base, each.members, self.scales, FIRST, jacobian, [each.offsets]) for each in guesses]
+        first = [refine(self.few, base, each, self.scales, FIRST, jacobian) for each in candidates]
         order = sorted((each for each in first if each is not None), key=lambda each: each.loss)
         fits: list[Fit] = []
         for number, each in enumerate(order[:most]):
@@ -170,7 +170,7 @@ class Search:
         seen = {frozenset(fit.locations) for fit in there}
         rival = min((fit.loss for fit in there), default=0.0)
         pairs = _distinct(ranked_pairs(self.start, self.jacobian, self.tried))[: RACED * PAIRS]
-        new = [each for each in pairs if frozenset(location for location, _ in each.members) not in seen]
+        new = [members for _, members in pairs if frozenset(location for location, _ in members) not in seen]
         return self._raced(self.start, new, self.jacobian, PAIRS, rival)
 
     def _exchanged(self, fit: Fit) -> list[Fit]:
@@ -224,11 +224,11 @@ class Search:
         return found + more + with_gear_terms(self.whole, found, self.scales)
 
 
-def _distinct(pairs: Sequence[Guess]) -> list[Guess]:
+def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Members]]:
     """The best pair of every two kinds of effects; an effect that contains a simpler one counts as the simpler one."""
-    kinds: dict[frozenset[Location], Guess] = {}
-    for each in pairs:
-        kind = frozenset(replace(p, name=p.plainest) for p, _ in each.members)
+    kinds: dict[frozenset[Location], tuple[float, Members]] = {}
+    for loss, members in pairs:
+        kind = frozenset(replace(p, name=p.plainest) for p, _ in members)
         if len(kind) == 2:
-            kinds.setdefault(kind, each)
+            kinds.setdefault(kind, (loss, members))
     return list(kinds.values())

@@ -34,7 +34,6 @@ from via_gap.selection.confidence_set import confidence_set
 from via_gap.selection.evidence import (
     Evaluation,
     block_means,
-    difference,
     freedom,
     losses,
     outdone_by,
@@ -198,13 +197,11 @@ def accepted(more: Evaluation, fewer: Evaluation, tuned: Evaluation, models: Seq
 
 
 def _without_events(each: Evaluation, models: Sequence[Evaluation]) -> Evaluation | None:
-    """The one of `models` that lacks only the effects with a beginning or an end in time; None if there is none."""
-    lasting = [
-        location
-        for location, effect in zip(each.fit.locations, each.fit.effects, strict=True)
-        if not event_times(replace(each.fit, effects=(effect,)))
-    ]
-    return next((other for other in models if set(other.fit.locations) == set(lasting)), None)
+    """The one of `models` that lacks only the events of `each`; None if there is none, or `each` has no event."""
+    effects = zip(each.fit.locations, each.fit.effects, strict=True)
+    lasting = {location for location, effect in effects if not event_times(replace(each.fit, effects=(effect,)))}
+    same = (other for other in models if other is not each and set(other.fit.locations) == lasting)
+    return next(same, None)
 
 
 def relevant(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
@@ -236,16 +233,11 @@ def simplest(models: Sequence[Evaluation]) -> Evaluation:
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
-    """The models without those that one with fewer parameters at the same sites replaces.
-
-    It does if it is not significantly worse, and of other kinds than the model also not by more than the margin: a
-    special case is the null hypothesis, another effect is a rival.
-    """
+    """The models without those that are not significantly better than one with fewer parameters at the same sites."""
 
     def needless(each: Evaluation, other: Evaluation) -> bool:
-        if _sites(each) != _sites(other) or freedom(other.fit) >= freedom(each.fit) or significantly_worse(other, each):
-            return False
-        return _kinds(each) == _kinds(other) or difference(other, each)[0] <= NUMBERS.margin
+        same = _sites(each) == _sites(other) and freedom(other.fit) < freedom(each.fit)
+        return same and not significantly_worse(other, each)
 
     return [each for each in models if not any(needless(each, other) for other in models)]
 
@@ -253,11 +245,6 @@ def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
 def _sites(each: Evaluation) -> list[tuple[str, int]]:
     """Every single site, so that one effect at both motors compares with one at each."""
     return sorted(spot for location in each.fit.locations for spot in location.spots)
-
-
-def _kinds(each: Evaluation) -> list[tuple[str, tuple[str, int]]]:
-    """The simplest effect that each effect contains, at every single site."""
-    return sorted((location.plainest, spot) for location in each.fit.locations for spot in location.spots)
 
 
 def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:

@@ -86,7 +86,9 @@ def score(
         ),
     ] = MEASURE,
     as_file: Annotated[Path | None, typer.Option("--json", help="Write every number to this file.")] = None,
-    write: Annotated[Path | None, typer.Option(help="Also write gap.md and its picture into this folder.")] = None,
+    write: Annotated[
+        Path | None, typer.Option(help="Also write gap.md, gap-cases.md and a picture into this folder.")
+    ] = None,
     processes: Processes = 2,
 ) -> None:
     """Open the keys, verify their seals, and score the reports; exit code 1 when a limit is missed."""
@@ -140,9 +142,13 @@ def calibrate(
         shares = {(c.effect, c.site, c.motor): c.share for c in report.causes}
         evaluated = evaluate(name, key, json.loads(report.to_json()), None, None)
         truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
-        distances = tuple(report.widened * each.distance for each in evaluated.inside)
+        distances = tuple(each.distance for each in evaluated.inside)
         left = report.causes[0].left if report.causes else None
-        answered.append(Calibrated(report.verdict, report.level, left, evaluated.first_right, truth, distances))
+        answered.append(
+            Calibrated(
+                report.verdict, report.level, left, evaluated.first_right, truth, distances, widened=report.widened
+            )
+        )
         seeds.append(int(key["seed"]))
     if not answered:
         raise ViaError(f"no report in {results}")

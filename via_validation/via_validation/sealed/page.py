@@ -1,4 +1,4 @@
-"""The score as a Markdown page with a picture: every number with its limit, every miss, every case."""
+"""The score as two Markdown pages and a picture: every number with its limit, and every case, misses first."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from via_validation.sealed.evaluation import Evaluation
 from via_validation.sealed.intervals import IntervalCheck
 from via_validation.sealed.scoring import BINS, OVERALL, Bin, Number, Score, parameter_coverage
 
-PAGE, PICTURE = "gap.md", "gap-reliability.svg"
+PAGE, CASES, PICTURE = "gap.md", "gap-cases.md", "gap-reliability.svg"
 
 
 def as_json(score: Score) -> dict[str, Any]:
@@ -32,9 +32,10 @@ def _checked(check: IntervalCheck) -> dict[str, Any]:
 
 
 def write_page(score: Score, folder: Path, origin: str) -> None:
-    """Write gap.md and its picture into `folder`; `origin` states the commit and the command."""
+    """Write gap.md with its picture and gap-cases.md into `folder`; `origin` states the commit and the command."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / PAGE).write_text(markdown(score, origin), encoding="utf-8")
+    (folder / CASES).write_text(cases_markdown(score, origin), encoding="utf-8")
     (folder / PICTURE).write_text(picture(score.reliability), encoding="utf-8")
 
 
@@ -57,7 +58,8 @@ def markdown(score: Score, origin: str) -> str:
         "drive. Limits on naming hold for recordings of good quality, those on false alarms and confidently wrong",
         "answers for all. `rightness.py` defines which answers are right: the same physics under another name is.",
         "",
-        f"{len(evaluations)} cases, {sum(kept)} of {len(kept)} limits kept, {len(score.missed)} cases missed.",
+        f"{len(evaluations)} cases, {sum(kept)} of {len(kept)} limits kept, {len(score.missed)} cases missed;",
+        f"[every case]({CASES}).",
         "",
         f"Made by: {origin}" + _seeds(evaluations),
         "",
@@ -97,14 +99,27 @@ def markdown(score: Score, origin: str) -> str:
         "## By effect, by family, by signals, by gap over noise",
         "",
         *_groups(evaluations),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def cases_markdown(score: Score, origin: str) -> str:
+    missed = {each.name for each in score.missed}
+    others = [each for each in score.evaluations if each.name not in missed]
+    lines = [
+        "# Sealed benchmark: every case",
         "",
-        "## Every miss",
+        f"The answers behind the [numbers of the benchmark]({PAGE}), which explains the words of this page.",
         "",
-        *(_table(_CASE, [_case(each) for each in score.missed]) if score.missed else ["None."]),
+        f"Made by: {origin}" + _seeds(score.evaluations),
         "",
-        "## Every case",
+        "## Missed",
         "",
-        *_table(_CASE, [_case(each) for each in evaluations]),
+        *(_table(_CASE, [_case(each) for each in score.missed]) if missed else ["None."]),
+        "",
+        "## Not missed",
+        "",
+        *(_table(_CASE, [_case(each) for each in others]) if others else ["None."]),
     ]
     return "\n".join(lines) + "\n"
 
