@@ -7,10 +7,11 @@ from hypothesis import strategies as st
 from via_core.devices import load_device
 from via_core.faults import fault_of, faulty_time
 from via_core.modulated_rows import IMPOSSIBLE, Samples
-from via_core.plausibility import equations_of, worst
+from via_core.plausibility import equations_of, recorded_equations, worst
 
-CUBIC, QBMOVE, ELASTIC, DAMPER = (
-    load_device(name) for name in ("cubic_demo", "qbmove_a", "visco_elastic_demo", "compact_vpda")
+CUBIC, QBMOVE, ELASTIC, DAMPER, PENDULUM = (
+    load_device(name)
+    for name in ("cubic_demo", "qbmove_a", "visco_elastic_demo", "compact_vpda", "dfki_simple_pendulum")
 )
 PERIOD = 2e-3
 MOTION = np.arange(1500) * PERIOD  # three seconds
@@ -153,7 +154,7 @@ def test_standstill_and_short_logs_are_unknown():
         CUBIC, samples._replace(torque=0.0 * samples.torque, q=0.0 * samples.q, theta=0.0 * samples.theta)
     ).known
     assert not worst([each.share(samples.between(0.0, 0.05)) for each in equations_of(CUBIC)]).known
-    position = load_device("dfki_shoulder")
+    position = load_device("xl330")
     assert equations_of(position) == () and faulty_time(position, samples) is None
 
 
@@ -165,3 +166,40 @@ def test_lost_samples_and_jitter_do_not_matter(kept):
     samples = Samples(*(each[chosen] for each in samples[:4]))
     samples = samples._replace(time=samples.time + rng.uniform(-2e-4, 2e-4, len(samples.time)))
     assert share(CUBIC, samples).unexplained < 0.1
+
+
+def swung(weight=1.0, pushed=0.0):
+    """Samples of a pendulum that follows two sines; its weight over that of the file, and torques of a person."""
+    link, rng = PENDULUM.link, np.random.default_rng(3)
+
+    def angle(t):
+        return 0.9 * np.sin(3.0 * t) + 0.5 * np.sin(7.0 * t)
+
+    t = MOTION - 0.5 * PERIOD
+    speed, bend = 2.7 * np.cos(3.0 * t) + 3.5 * np.cos(7.0 * t), -8.1 * np.sin(3.0 * t) - 24.5 * np.sin(7.0 * t)
+    tau = link.inertia * bend + link.viscous_friction * speed + link.coulomb_friction * np.sign(speed)
+    tau += weight * link.gravity_torque * np.sin(angle(t) - link.gravity_angle) + pushed * np.sin(2.0 * t)
+    tau += 0.01 * rng.normal(size=len(t))
+    return Samples(MOTION, angle(MOTION), np.empty((len(t), 0)), tau[:, None])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda s: s._replace(torque=-s.torque), "opposite signs of tau, q"),
+        (lambda s: s._replace(q=-s.q), "opposite signs of tau, q"),
+        (lambda s: s._replace(torque=1e3 * s.torque), "tau in N mm"),
+        (lambda s: s._replace(q=np.degrees(s.q)), "q in degrees"),
+    ],
+)
+def test_a_recording_of_a_rigid_link_proves_wrong_signs_and_units(change, words):
+    assert faulty_time(PENDULUM, swung()) is None
+    found = faulty_time(PENDULUM, change(swung()))
+    assert found is not None and words in found.fault.text and found.fault.proven
+
+
+@pytest.mark.parametrize("sound", [swung(weight=4.0), swung(pushed=10.0)], ids=["payload", "pushed"])
+def test_what_loads_a_rigid_link_is_no_fault_of_its_signals(sound):
+    assert recorded_equations(PENDULUM)[0].share(sound.between(0.9, 1.9)).impossible
+    assert faulty_time(PENDULUM, sound) is None
+    assert fault_of(PENDULUM, sound.between(0.9, 1.9)) is None  # nothing is said of it while it runs

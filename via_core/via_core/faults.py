@@ -7,19 +7,20 @@ device holds: its sign, its unit, or an exchange with another one. A channel tha
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from via_core.devices import Device
-from via_core.modulated_rows import LEAST_SAMPLES, Samples
-from via_core.plausibility import equations_of, interval_of, worst
+from via_core.modulated_rows import LEAST_SAMPLES, Equation, Samples, Share
+from via_core.plausibility import LinkEquation, equations_of, interval_of, recorded_equations, worst
 from via_core.signals import Array
 
 UNITS = {"N mm": 1e-3, "N cm": 1e-2}  # torque units met in logs -> N m
 ANGLES = {"degrees": np.pi / 180.0, "turns": 2.0 * np.pi}  # -> rad
 FEW = 0.9  # [-] of the intervals of a sound recording are plausible
+HALF = 0.5  # [-] of what is unexplained: a proven fault leaves less
 
 
 class Fault(NamedTuple):
@@ -88,25 +89,49 @@ class FaultyTime(NamedTuple):
 def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
     """The most frequent fault of a recording; None where at least FEW of the intervals with motion are plausible.
 
-    Signs, units and the order of channels do not change during a recording. So a change that proves a fault has to make
-    FEW of all intervals plausible; otherwise it imitates what happened in some of them, and the fault has no name.
+    Signs, units and the order of channels do not change during a recording. So a change that proves a fault has to
+    explain the whole of it (`_undone`); otherwise it imitates what happened in some intervals, and the fault has no
+    name. A link alone may be held, hit or loaded: without a name it has no fault.
     """
-    equations, faults = equations_of(device), []
+    equations = recorded_equations(device)
     if not equations or len(samples.time) < LEAST_SAMPLES:
         return None
     intervals = _intervals(samples, interval_of(equations))
-    found = [worst([each.share(interval) for each in equations]) for _, _, interval in intervals]
+    shares = [[each.share(interval) for each in equations] for _, _, interval in intervals]
+    found = [worst(each) for each in shares]
     known = sum(each.known for each in found)
-    for (begin, end, interval), each in zip(intervals, found, strict=True):
-        fault = fault_of(device, interval) if each.impossible else None
-        if fault is not None:
-            faults.append((begin, end, fault))
-    if len(faults) <= (1.0 - FEW) * known:
+    faulty = [interval for interval, each in zip(intervals, found, strict=True) if each.impossible]
+    if len(faulty) <= (1.0 - FEW) * known:
         return None
-    fault = Counter(fault for _, _, fault in faults).most_common(1)[0][0]
-    if fault.proven and not _explains(device, samples, fault):
-        fault = _unnamed(device, samples, [True] * len(equations))
-    return FaultyTime(fault, len(faults) / known, faults[0][0], faults[-1][1])
+    fault = Counter(_frozen(device, interval) for _, _, interval in faulty).most_common(1)[0][0]
+    fault = fault or _undone(device, samples, equations, found)
+    if fault is None:
+        if any(isinstance(each, LinkEquation) for each in equations):
+            return None
+        often = [sum(each.impossible for each in column) > (1.0 - FEW) * known for column in zip(*shares, strict=True)]
+        fault = _unnamed(device, samples, often if any(often) else [True] * len(often))
+    return FaultyTime(fault, len(faulty) / known, faulty[0][0], faulty[-1][1])
+
+
+def _undone(device: Device, samples: Samples, equations: Sequence[Equation], before: Sequence[Share]) -> Fault | None:
+    """The fault without which least of the recording is unexplained, if that is at most HALF as much.
+
+    before  shares of the recording as it is, per interval. An interval that is unknown after a change, as torques
+            below their noise are, counts as before.
+    """
+    whole, best, proven = _pooled(before), HALF, None
+    for fault, change in _changes(device, samples):
+        intervals = _intervals(change, interval_of(equations))
+        after = [worst([each.share(interval) for each in equations]) for _, _, interval in intervals]
+        left = _pooled([new if new.known else old for old, new in zip(before, after, strict=True)])
+        if left < best * whole:
+            best, proven = left / whole, fault._replace(proven=True)
+    return proven
+
+
+def _pooled(shares: Sequence[Share]) -> float:
+    """Root mean square of what the known intervals leave unexplained."""
+    return float(np.sqrt(np.mean([each.unexplained**2 for each in shares if each.known])))
 
 
 def _intervals(samples: Samples, length: float) -> list[tuple[float, float, Samples]]:
@@ -114,18 +139,6 @@ def _intervals(samples: Samples, length: float) -> list[tuple[float, float, Samp
     ends = np.arange(samples.time[0] + length, samples.time[-1] + 1e-9, length)
     every = ((float(end) - length, float(end), samples.between(end - length, end)) for end in ends)
     return [each for each in every if len(each[2].time)]
-
-
-def _explains(device: Device, samples: Samples, fault: Fault) -> bool:
-    """Whether the whole recording is plausible once `fault` is undone."""
-    equations = equations_of(device)
-    change = next(changed for each, changed in _changes(device, samples) if each.text == fault.text)
-    shares = [
-        worst([each.share(interval) for each in equations])
-        for _, _, interval in _intervals(change, interval_of(equations))
-    ]
-    known = [each for each in shares if each.known]
-    return sum(not each.impossible for each in known) >= FEW * len(known)
 
 
 def _channels(device: Device, samples: Samples) -> Iterator[tuple[str, Array]]:
@@ -136,7 +149,7 @@ def _channels(device: Device, samples: Samples) -> Iterator[tuple[str, Array]]:
     for i, column in enumerate(samples.theta.T):
         yield f"theta_{i + 1}", column
     for i, column in enumerate(samples.torque.T):
-        yield f"tau_{i + 1}" if device.n_motors else "tau_link", column
+        yield f"tau_{i + 1}" if device.n_motors else "tau_link" if device.damper else "tau", column
 
 
 def _frozen(device: Device, samples: Samples) -> Fault | None:
@@ -168,6 +181,8 @@ def _changes(device: Device, samples: Samples) -> Iterator[tuple[Fault, Samples]
     wrong = "wrong sign of {}; reverse it in the driver or by `scale: -1` under wire.columns"
     for columns in [[i] for i in range(len(tau))] + ([[0, 1]] if len(tau) == 2 else []):
         subject = ", ".join(tau[i] for i in columns)
+        if tau == ["tau"]:  # of a rigid link, only its relation to the angle is known
+            subject, wrong = "tau, q", "opposite signs of {}; reverse one of them (`scale: -1` under wire.columns)"
         yield Fault(subject, wrong.format(subject)), samples._replace(torque=turned(torque, columns))
     if device.n_motors:
         yield Fault("q", wrong.format("q")), samples._replace(q=-q)

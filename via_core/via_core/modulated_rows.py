@@ -26,6 +26,7 @@ CLEAR = 3.0  # [-] the largest part must exceed its noise by this factor, or not
 DAMPER_FACTOR = 10.0  # [-] damping varies by command and speed; its number in the file is an order of magnitude
 FURTHEST = 2.0  # [max_deflection] no spring deflects further, and a spring law may overflow there
 RESTING = 10.0  # [encoder steps] in a row, less is no motion with a direction
+MEASURED = 0.9  # [-] of the samples: a torque that was measured
 SWEEPS = 200  # of coordinate descent, more than five unknowns need
 
 
@@ -51,7 +52,7 @@ class Samples(NamedTuple):
         """The samples of a recording with channels as in `bags.joints`; None without torques, or commands of servos."""
         if device.drive == "servo":
             return cls._of_servos(measured, device, commands)
-        torque = measured.channels.get("tau" if device.n_motors else "tau_link")
+        torque = _link_torque(measured, device, commands) if not device.n_motors else measured.channels.get("tau")
         theta = measured.channels.get("theta", np.empty((len(measured), 0)))
         if "q" not in measured or torque is None or theta.shape[1] != device.n_motors:
             return None
@@ -75,6 +76,17 @@ class Samples(NamedTuple):
         at = slice(first, last)
         command = None if self.command is None else self.command[at]
         return Samples(self.time[at], self.q[at], self.theta[at], self.torque[at], command)
+
+
+def _link_torque(measured: Signals, device: Device, commands: Signals | None) -> Array | None:
+    """(N,) or (N, 1) [N m] torque on a rigid link: of its damper, or of its drive as measured or else as commanded."""
+    if device.damper is not None:
+        return measured.channels.get("tau_link")
+    if "tau" in measured and np.mean(np.isfinite(measured["tau"])) >= MEASURED:
+        return measured["tau"]
+    if device.drive != "torque" or commands is None or not len(commands) or "external_torque" not in commands:
+        return None
+    return commands.select(["external_torque"]).resample(measured.time)["external_torque"]
 
 
 class Share(NamedTuple):

@@ -18,6 +18,10 @@ in another unit: no torque within the bounds has the measured sign, size or cour
 noise causes, measured by third differences of the channels. Where a motor rests, dry friction takes up any torque up to
 c, the declared friction or OFFSET of the largest part.
 
+The drive of a rigid link obeys the same equation, with q in place of theta and gravity as the load. People, contacts
+and payloads act there too, so what it leaves is no fault (`recorded_equations`), unless one change of sign or unit
+explains a whole recording.
+
 The torque sensor of a damper reads what the damper dissipates: low v^2 <= tau v <= high v^2 in every row, up to dry
 friction. `unexplained` is the torque outside of that, compared likewise.
 
@@ -99,6 +103,24 @@ class MotorEquation(Equation):
 
 
 @dataclass(frozen=True)
+class LinkEquation(Equation):
+    """The torque equation of a rigid link with a torque drive."""
+
+    device: Device
+
+    def share(self, samples: Samples) -> Share:
+        link, given = self.device.link, self.device.tolerances
+        inertia, weight = device_factor(given.link_inertia), device_factor(given.gravity)
+        low = np.array([link.inertia / inertia, 0.0, 0.0, 1.0 / weight])
+        high = np.array([link.inertia * inertia, np.inf, np.inf, weight])
+        load = link.gravity_torque * np.sin(samples.q - link.gravity_angle)
+        friction = device_factor(given.link_friction) * link.coulomb_friction
+        columns = finite_columns(samples.time, samples.torque[:, 0], samples.q, np.zeros(len(samples.q)), load)
+        rest = np.array([self.device.sensors.link_quantum or 0.0, friction, 0.0, 1.0])
+        return Share(*_motor_share(*columns, low, high, rest))
+
+
+@dataclass(frozen=True)
 class DamperEquation(Equation):
     """The torque of a damper with a sensor: damping between low and high [N m s/rad], dry friction [N m] besides."""
 
@@ -135,6 +157,13 @@ def equations_of(device: Device) -> tuple[Equation, ...]:
         )
         for i, motor in enumerate(device.torque_motors[: device.n_transmissions])
     )
+
+
+def recorded_equations(device: Device) -> tuple[Equation, ...]:
+    """`equations_of` a device, or the equation of a rigid link, of which only a proven fault counts."""
+    if device.arrangement == "rigid" and device.drive == "torque" and device.damper is None:
+        return (LinkEquation(device),)
+    return equations_of(device)
 
 
 def interval_of(equations: Sequence[Equation]) -> float:

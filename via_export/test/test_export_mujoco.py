@@ -67,6 +67,7 @@ PLANTED = (
     (SERVO, e("actuator_lag", "command", time_constant=0.03)),
     (SERVO, e("actuator_delay", "command", delay=0.03)),
     (SERVO, e("torque_gain", "motor", 1, gain=0.8)),
+    (SERVO, e("position_gain", "motor", 1, gain=0.8)),
     (SERVO, e("torque_saturation", "motor", 1, limit=0.4)),
     (SERVO, e("encoder_offset", "sensor", offset=0.2)),
     (MACCEPA, e("actuator_delay", "command", delay=0.045)),

@@ -172,10 +172,10 @@ EFFECT_ROWS = (
     ),
     row(
         "torque_gain",
-        mjcf="= actuator gainprm; of a position drive kp and forcerange",
+        mjcf="= actuator gainprm; of a position drive kp, damping and forcerange",
         urdf="~ limit/effort times gain | commands themselves are not scaled",
-        sdf="~ limit/effort times gain; of a position drive p_gain | torque commands are not scaled",
-        isaaclab="~ effort_limit times gain; of a position drive stiffness | torque commands are not scaled",
+        sdf="~ limit/effort times gain; of a position drive p_gain and d_gain | torque commands are not scaled",
+        isaaclab="~ effort_limit times gain; of a position drive stiffness, damping | torque commands are not scaled",
         bam="= kt/R, with --supply",
         ros2_control="~ limits of the command times gain | commands themselves are not scaled",
     ),
@@ -211,6 +211,12 @@ EFFECT_ROWS = (
         "torque_deadband",
         isaaclab="- small commands act; a custom actuator class can add it",
         others="- small commands act; apply it to the command",
+    ),
+    row(
+        "position_gain",
+        mjcf="= kp of the actuator", urdf="- gains belong to the controller", sdf="= JointPositionController p_gain",
+        isaaclab="= stiffness", bam="- the gain of the firmware belongs to the actuator class",
+        ros2_control="= pid_controller gain p",
     ),
     row(
         "position_deadband",

@@ -1,5 +1,7 @@
 """What begins and ends at times of a run: each is seen in one segment, which is fitted, and all others say the rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
@@ -24,6 +26,14 @@ def test_shots_that_hold_an_event_are_fitted_and_no_shot_is_lost():
     assert np.array_equal(np.sort(np.concatenate([train, held])), np.flatnonzero(segments.valid))
     assert set(train) - set(plain) == {held_out[3], held_out[5]}
     assert np.array_equal(np.sort(train), train)
+
+
+def test_short_recordings_share_one_pattern_of_fitted_and_held_out_segments():
+    """None of them alone has a segment to hold out."""
+    short = replace(cut_log(log_of(flexible(), (), seed=22)), valid=np.arange(100) < 2)
+    train, held = split_finely([short] * 10)
+    assert [len(each) for each in held] == [0, 1, 1, 1, 1] * 2
+    assert all(len(a) + len(b) == 2 for a, b in zip(train, held, strict=True))
 
 
 def test_a_push_beside_friction_is_named_though_all_its_edges_were_held_out(monkeypatch):

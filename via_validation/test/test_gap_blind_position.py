@@ -119,3 +119,12 @@ def test_a_defect_of_the_goal_is_named_and_measured(name: str, size: float) -> N
     assert report.verdict == "effect"
     for parameter, value in planted.parameters.items():
         assert report.causes[0].parameters[parameter].value == pytest.approx(value, rel=0.03)
+
+
+@pytest.mark.parametrize("name", ["torque_gain", "position_gain"])
+def test_a_wrong_torque_constant_is_told_from_a_wrong_position_gain(name: str) -> None:
+    """kp and kd of the device file are up to 5 % off themselves."""
+    log, planted = recorded(7, name, -0.3, 12.0)
+    report = diagnose([log], log.device)
+    assert (report.verdict, [each.effect for each in report.effects]) == ("effect", [name])
+    assert report.causes[0].parameters["gain"].value == pytest.approx(planted.parameters["gain"], rel=0.06)

@@ -74,6 +74,8 @@ def lopsided(fitted: Array, held_out: Array, noise: float) -> bool:
 
 def _by_blocks(valid: Sequence[Indices], size: Sequence[int]) -> tuple[list[Indices], list[Indices]]:
     long = [max(1, min(n, len(which) // len(PATTERN))) for which, n in zip(valid, size, strict=True)]
-    fitted = [np.array(PATTERN)[which // n % len(PATTERN)] for which, n in zip(valid, long, strict=True)]
+    blocks = [which // n for which, n in zip(valid, long, strict=True)]
+    before = np.cumsum([0, *(int(each[-1]) + 1 if len(each) else 0 for each in blocks)])  # short logs share a pattern
+    fitted = [np.array(PATTERN)[(each + past) % len(PATTERN)] for each, past in zip(blocks, before, strict=False)]
     pairs = list(zip(valid, fitted, strict=True))
     return [which[kept] for which, kept in pairs], [which[~kept] for which, kept in pairs]

@@ -39,6 +39,7 @@ SIZES = {
     "offset": 3, "eccentricity": 3 * HARMONICS, "eccentric_order": 3 * HARMONICS, "eccentric_phase": 3 * HARMONICS,
     "quantum": 3, "limit": 2, "proportional": 2, "derivative": 2, "integral": 2, "smoothing": 1,
     "positioned": 1, "kp": 1, "kd": 1, "pull_limit": 1, "goal_speed": 1, "goal_delay": 1, "goal_band": 1,
+    "drive_gain": 1,
 }  # fmt: skip
 STARTS = np.concatenate(([0], np.cumsum(list(SIZES.values()))))
 R: Any = namedtuple("Row", list(SIZES))(*(int(start) for start in STARTS[:-1]))  # type: ignore
@@ -254,7 +255,7 @@ def run(
                     away = goal - read_smooth(p, 0, q)
                     pull = p[R.kp] * away if abs(away) >= p[R.goal_band] else 0.0
                     ctrl[0] = min(max(pull, -p[R.pull_limit]), p[R.pull_limit])
-                    load[0] = ctrl[0] - p[R.kd] * qvel[0]
+                    load[0] = p[R.drive_gain] * ctrl[0] - p[R.kd] * qvel[0]
                     mean[k, 0] += load[0] / substeps
                 else:
                     mean[k, i] += command[i] / substeps

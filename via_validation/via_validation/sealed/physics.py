@@ -37,6 +37,7 @@ class Physics:
     lag: float = 0.0  # [s] activation filter of the actuators
     delay: float = 0.0  # [s] delay of the actuators; for a position drive, additional delay of its goal
     goal_speed: float = float("inf")  # [rad/s] rate limit of a position drive's goal
+    position_gain: float = 1.0  # [-] factor on kp of a position drive; `gain` also scales its kd and its limit
     goal_band: float = 0.0  # [rad] error of its goal below which it gives no torque
     inertia: float = 1.0  # [-] factor on the link's inertia about its axis
     gravity: float = 1.0  # [-] factor on the link's gravity torque

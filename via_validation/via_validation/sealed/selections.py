@@ -6,23 +6,24 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from via_validation.sealed.catalogue import CATALOGUE, Entry, at_site, drives, no_shape, single, whole
+from via_validation.sealed.catalogue import CATALOGUE, Entry, at_site, drives, no_shape, signed, single, whole
 
 _SPEED_LIMIT = single("goal_speed", "limit", whole, lambda scene, _number, size: scene.speed[0] / size)
 _BAND = single("goal_band", "width", whole, lambda scene, _number, size: size * (scene.angles[1] - scene.angles[0]))
+_POSITION_GAIN = single("position_gain", "gain", whole, lambda _scene, _number, size: 1.0 + size)
 
-
-# Effects of position drives; only they have a speed limit, or a dead band of the error.
+# Effects of position drives; only they have a speed limit, a position gain, or a dead band of the error.
 OF_POSITION: Mapping[str, Entry] = MappingProxyType(
     {
         **{
             name: CATALOGUE[name]
             for name in (
                 "coulomb_friction", "stribeck_friction", "viscous_friction", "load_dependent_friction", "payload",
-                "torque_ripple", "actuator_delay",
+                "torque_gain", "torque_ripple", "actuator_delay",
             )
         },
         "speed_limit": Entry("speed_limit", at_site("command"), 0.3, 3.0, no_shape, _SPEED_LIMIT),
+        "position_gain": Entry("position_gain", drives, 0.15, 0.6, signed, _POSITION_GAIN),
         "position_deadband": Entry("position_deadband", drives, 0.01, 0.4, no_shape, _BAND),
     }
 )  # fmt: skip

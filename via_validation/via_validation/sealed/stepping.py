@@ -152,10 +152,12 @@ def _row(device: Device, physics: Physics, drive: Drive, step: float) -> Array:
     row[R.integral : R.integral + len(drive.integral)] = drive.integral
     if drive.servo is not None:
         servo, delay = drive.servo, drive.servo.delay + physics.delay
-        row[R.positioned], row[R.kp], row[R.kd], row[R.pull_limit] = 1.0, servo.kp, servo.kd, servo.torque_limit
+        kp, kd = servo.kp * physics.position_gain, servo.kd * physics.gain[0]
+        row[R.positioned], row[R.kp], row[R.kd], row[R.pull_limit] = 1.0, kp, kd, servo.torque_limit
+        row[R.drive_gain] = physics.gain[0]
         row[R.goal_speed], row[R.goal_delay] = min(servo.speed_limit, physics.goal_speed), round(delay / step)
         row[R.goal_band] = physics.goal_band
-        row[R.viscous] += servo.kd
+        row[R.viscous] += kd
     row[R.loss : R.loss + 3] += physics.friction
     row[R.viscous : R.viscous + 3] += physics.viscous
     for i in range(device.n_transmissions):

@@ -4,6 +4,7 @@ from via_sim.catalogue.drive import (
     actuator_delay,
     actuator_lag,
     position_deadband,
+    position_gain,
     speed_limit,
     torque_bias,
     torque_deadband,
@@ -16,6 +17,7 @@ KINDS = tuple(
     each.KIND
     for each in (
         torque_gain,
+        position_gain,
         torque_bias,
         torque_ripple,
         torque_saturation,
