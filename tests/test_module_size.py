@@ -14,6 +14,8 @@ MODULES = {
     for file in sorted(package.rglob("*.py"))
 }
 MOST_LINES, MOST_IMPORTS = 400, {"via_gap": 12}  # elsewhere 15
+MOST_PARAMETERS = 6
+COMPILED = {"bare", "compiled", "inlined", "njit", "_compiled"}  # decorators of kernels, whose arrays go in one by one
 
 
 def project_imports(file: Path) -> set[str]:
@@ -28,6 +30,21 @@ def project_imports(file: Path) -> set[str]:
     return found
 
 
+def crowded(tree: ast.AST) -> list[str]:
+    """Functions with more parameters than MOST_PARAMETERS, without kernels and commands (whose options they are)."""
+    found = []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.FunctionDef):
+            continue
+        every = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+        own = [each for each in every if each.arg not in ("self", "cls")]
+        decorators = {name for each in node.decorator_list for name in ast.unparse(each).replace("(", ".").split(".")}
+        options = any("typer" in ast.unparse(each.annotation) for each in own if each.annotation)
+        if len(own) > MOST_PARAMETERS and not decorators & COMPILED and not options:
+            found.append(node.name)
+    return found
+
+
 def test_the_modules_are_found() -> None:
     assert {"via_sim.joint.kernel", "via_core.springs", "via_bringup.cli.__init__"} <= MODULES.keys()
     assert "via_core.signals" in project_imports(MODULES["via_sim.simulate"])
@@ -37,3 +54,14 @@ def test_the_modules_are_found() -> None:
 def test_a_module_is_short_and_imports_few_others(name: str) -> None:
     assert len(MODULES[name].read_text(encoding="utf-8").splitlines()) <= MOST_LINES
     assert len(project_imports(MODULES[name])) <= MOST_IMPORTS.get(name.partition(".")[0], 15)
+
+
+def test_a_seventh_parameter_is_noticed() -> None:
+    plain = "def f(self, a, b, c, d, e, f, *, g): ..."
+    assert crowded(ast.parse(plain)) == ["f"]
+    assert crowded(ast.parse(f"@njit(cache=True)\n{plain}")) == crowded(ast.parse(plain.replace(", *, g", ""))) == []
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_a_function_has_few_parameters(name: str) -> None:
+    assert crowded(ast.parse(MODULES[name].read_text(encoding="utf-8"))) == []

@@ -56,9 +56,8 @@ def joint_of(tables: Tables, device: Device, file: str, bag: bool = False) -> Jo
             time, rows, report = _time(tables[table], device, file, table, bag, origin)
             origin = report[0] if origin is None else origin
             reports.append(StampReport(table, 0, len(tables[table]), 0, report[1], report[2], len(rows)))
-            part = _signals(
-                time, rows, tables[table], {n: e for n, (t, e) in mine.items() if t == table}, device, file, is_command
-            )
+            named = {n: e for n, (t, e) in mine.items() if t == table}
+            part = _signals(time, tables[table].iloc[rows], named, device, file, is_command)
             signals[is_command] = part if is_command not in signals else signals[is_command].joined(part)
     return JointRecording(signals[False], signals.get(True), tuple(reports))
 
@@ -135,9 +134,8 @@ def _time(
 
 
 def _signals(
-    time: Array, rows: Indices, frame: DataFrame, columns: Mapping[Channel, WireColumn], device: Device,
-    file: str, held: bool,
-) -> Signals:  # fmt: skip
+    time: Array, frame: DataFrame, columns: Mapping[Channel, WireColumn], device: Device, file: str, held: bool
+) -> Signals:
     channels: dict[str, Array] = {}
     for (name, number), entry in columns.items():
         try:
@@ -150,10 +148,10 @@ def _signals(
         if entry.enable in frame.columns:
             values = np.where(_numbers(frame, str(entry.enable), file) != 0.0, values, np.nan)
         if number == 0:
-            channels[name] = values[rows]
+            channels[name] = values
         else:
             at = channels.setdefault(name, np.full((len(time), max(device.n_motors, 1)), np.nan))
-            at[:, number - 1] = values[rows]
+            at[:, number - 1] = values
     try:
         return Signals(time, channels, CHANNEL_UNITS, frozenset(channels) if held else frozenset())
     except ViaError as error:

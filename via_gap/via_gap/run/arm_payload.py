@@ -295,7 +295,7 @@ def _blocks(arm: Arm, run: Sequence[JointLog]) -> list[Array]:
     length = max(round(WINDOW / float(np.median(np.diff(time)))), 1)
     count = len(time) // length
     per_block = max(round(BLOCK / WINDOW), 1)
-    rows = _rows(arm, drive, q, v, a, length, count)
+    rows = _rows(arm, drive, (q, v, a), length, count)
     made = (_grams(rows[:, first : first + per_block]) for first in range(0, count - per_block + 1, per_block))
     return [each for each in made if each[:, 0, 0, 0].any()]
 
@@ -307,8 +307,9 @@ def _grams(rows: Array) -> Array:
     return np.einsum("iwkp,iwkq->ikpq", kept, kept)
 
 
-def _rows(arm: Arm, drive: Array, q: Array, v: Array, a: Array, length: int, count: int) -> Array:
+def _rows(arm: Arm, drive: Array, motion: tuple[Array, Array, Array], length: int, count: int) -> Array:
     """Averages (n, windows, bodies, 16) of all columns; NaN where a joint reverses or its torque `drive` is NaN."""
+    q, v, a = motion
     n, used = q.shape[1], length * count
     model, data = arm.model, arm.model.createData()
     bodies = [BODY * (_body_of(arm, k) - 1) for k in range(n)]
