@@ -7,6 +7,7 @@ from via_estimators import interacting_models as models
 N, PERIOD, MEMORY = 4, 0.1, 60.0  # three coefficients and the trend
 G = np.array([1.0, -0.5, 2.0, 0.0])
 SPRING = np.diag([1.0, 1.0, 1.0, 0.0])  # of the unknowns that change
+FRICTION = np.array([1.0, 0.0, 0.0, 0.0])  # the first one may also change alone
 
 
 def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
@@ -38,6 +39,7 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
                 walked = min(models.WALKS[j] ** 2 * dt, models.FURTHEST)
                 added = models.JUMP**2 if jumped else walked
                 P[j] += added * (np.outer(g, g) + models.SHAPE**2 * (g @ g) * SPRING)
+                P[j] += min(models.WEARS[j] ** 2 * dt, models.FURTHEST) * np.diag(FRICTION)
             else:
                 F, q = np.eye(N), models.TRENDS[j] ** 2
                 F[:, -1] += models.PERSISTENCE * (1.0 - np.exp(-dt / models.PERSISTENCE)) * g
@@ -51,7 +53,8 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
             r = np.exp(-dt / models.CORRELATION) if colour else 0.0
             own, unit = row - r * before[0], (1.0 - r**2) * within
             known = (1.0 + r**2) * (beside + within) if j // len(models.LEVELS) == 1 else beside
-            error = noise[j] * unit + known + walk * wobble * (row @ g) ** 2
+            changed = walk * (row @ g) ** 2 + models.WEARS[j] ** 2 * row**2 @ FRICTION
+            error = noise[j] * unit + known + wobble * changed
             S, nu = own @ P[j] @ own + error, y - r * before[1] - own @ x[j]
             likely[j] = np.log(c[j]) - 0.5 * (nu**2 / S + np.log(S))
             share = (noise[j] * unit / S) ** 2
@@ -74,7 +77,7 @@ def fast(equations, steadiness, within, beside, wobble, memory=MEMORY):
     state, work, answers = np.zeros(models.size(N)), models.scratch(N), []
     models.start(state, N, steadiness)
     for time, row, y, g in equations:
-        models.take(state, N, time, memory, steadiness, g, 0, row.copy(), y, within, beside, wobble, work)
+        models.take(state, N, time, memory, steadiness, g, 0, FRICTION, row.copy(), y, within, beside, wobble, work)
         mean, covariance = models.estimate_of(state, N)
         answers.append((mean.copy(), covariance.copy(), models.models_of(state)[models.MODEL.probability].copy()))
     return answers
@@ -139,7 +142,7 @@ def test_coloured_noise_is_recognised_and_its_standard_deviations_match_the_scat
         state, work = np.zeros(models.size(N)), models.scratch(N)
         models.start(state, N, 0.5)
         for time, row, y, g in given:
-            models.take(state, N, time, MEMORY, 0.5, g, 0, row.copy(), y, 1e-4, 0.0, 0.0, work)
+            models.take(state, N, time, MEMORY, 0.5, g, 0, FRICTION, row.copy(), y, 1e-4, 0.0, 0.0, work)
         mean, covariance = models.estimate_of(state, N)
         errors.append(mean[:3] - truth[:3])
         variances.append(np.diag(covariance)[:3])
@@ -183,6 +186,23 @@ def test_after_a_jump_the_scale_is_constant_again():
     assert np.trace(covariance) < 4.0 * np.trace(answers[90][1])  # twice the standard deviations
 
 
+@pytest.mark.parametrize("friction", [lambda t: 1.4 if t > 10.0 else 0.5, lambda t: 0.5 - 0.01 * t])
+def test_a_change_of_friction_is_no_change_of_the_spring(friction):
+    """The spring's unknowns, without the first one, keep their intervals and their values."""
+    spring = np.array([0.0, -0.5, 2.0, 0.0])
+    given = [
+        (t, row, y + friction(t - 3.0) * row[0], spring)
+        for t, row, y, _ in equations(240, 0.05, seed=2, truth=spring)
+    ]
+    answers = fast(given, 0.5, 25e-4, 0.0, 0.0)
+    errors = np.array([mean[:3] - [friction(t - 3.0), *spring[1:3]] for (t, *_), (mean, *_) in zip(given, answers)])
+    deviations = np.sqrt([np.diag(covariance)[:3] for _, covariance, _ in answers])
+    assert np.mean(np.abs(errors[40:]) <= 1.96 * deviations[40:]) > 0.9
+    assert np.abs(errors[-1]).max() < 0.05 and deviations[-1, 1:].max() < 0.03
+    worn = np.array(models.WEARS) > 0.0
+    assert max(found[worn].sum() for *_, found in answers) > 0.9
+
+
 def test_a_trend_is_learnt_and_continued():
     mean, covariance, _ = fast(equations(300, 0.01, lambda t: 1.0 + 0.05 * t), 0.5, 1e-4, 0.0, 0.0)[-1]
     assert mean[-1] == pytest.approx(0.05, abs=3.0 * np.sqrt(covariance[-1, -1]))
@@ -196,7 +216,7 @@ def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
     for k in range(3000):
         time += 1e4 if k % 500 == 0 else 0.1
         row, y = np.append(rng.normal(size=3), 0.0), 1e6 if k % 300 == 0 else rng.normal()
-        models.take(state, N, time, MEMORY, 0.5, G, 0, row, y, 1.0, 0.0, 0.01, work)
+        models.take(state, N, time, MEMORY, 0.5, G, 0, FRICTION, row, y, 1.0, 0.0, 0.01, work)
         _, covariance = models.estimate_of(state, N)
         probability = models.models_of(state)[models.MODEL.probability]
         assert np.all(np.isfinite(state)) and probability.sum() == pytest.approx(1.0)

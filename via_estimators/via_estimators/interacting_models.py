@@ -6,10 +6,12 @@ coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 The unknowns x from `first` to n - 2 change along one direction g, which the caller renews. If g is the present
 spring law, its scale s changes. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
 a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
-with time constant PERSISTENCE, or a jump of s since the last equation; or no change and coloured noise. Equations
-arrive one at a time,
+with time constant PERSISTENCE, a random walk of friction, or a jump of s since the last equation; or no change and
+coloured noise. Equations arrive one at a time,
 
-    y = row' x + e,    variance of e = noise_j within + beside + walk_j^2 wobble (row' g)^2
+    y = row' x + e,    variance of e = noise_j within + beside + wobble (walk_j^2 (row' g)^2 + wear_j^2 |row_f|^2)
+
+with row_f the entries of row that belong to friction (`worn`).
 
 One step of time dt with one equation is
 
@@ -19,7 +21,8 @@ One step of time dt with one equation is
                      x_j <- mean of x_j, x_jump(l) and the combined mean with weights own_j, after_j, (1 - e) rho_j,
                      P_j <- covariance of that mixture
     2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt; a jump adds JUMP^2 = walk_j^2 dt;
-                     P_j += g g' times that variance, and SHAPE^2 |g|^2 of it in each direction
+                     P_j += g g' times that variance, and SHAPE^2 |g|^2 of it in each direction;
+                     each unknown of friction walks by wear_j^2 dt
     3. correction    S_j = row' P_j row + variance of e, and Kalman's gain in Joseph's form
     4. probability   mu_j ~ c_j S_j^(-1/2) exp(-(y - row' x_j)^2 / (2 S_j))
     5. combination   mean and covariance of the mixture
@@ -31,6 +34,10 @@ those that followed. That is the innovation test of this method: it has no limit
 
 A walk or a jump may also change the shape, as when a motor moves the preset of the spring: a part SHAPE^2 g' g of its
 variance is in every direction. A trend, which has a long memory, keeps the shape.
+
+Grease that warms up changes damping and dry friction within minutes, a touched motor within one equation. Neither is a
+change of the spring. Without these models the spring would explain it: where damping is most of a motor's torque, a
+tenth less of it made a stiffness wrong by half.
 
 Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
 a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
@@ -62,25 +69,29 @@ from via_core.signals import Array
 
 from via_estimators.slots import slots
 
-# Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)]; first no change, in white and in coloured noise.
+# Random walk of the scale [1/sqrt(s)], of its trend [1/s/sqrt(s)] and of every unknown of friction [1/sqrt(s)]; first no
+# change, in white and in coloured noise.
 CHANGES = (
-    (0.0, 0.0),
-    (0.0, 0.0),
-    (0.01, 0.0),
-    (0.1, 0.0),
-    (0.0, 0.003),
-    (0.0, 0.03),
-    (0.0, 0.3),
-    (0.0, 1.0),
-    (0.0, 5.0),
-    (0.0, 0.0),
+    (0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0),
+    (0.01, 0.0, 0.0),
+    (0.1, 0.0, 0.0),
+    (0.0, 0.003, 0.0),
+    (0.0, 0.03, 0.0),
+    (0.0, 0.3, 0.0),
+    (0.0, 1.0, 0.0),
+    (0.0, 5.0, 0.0),
+    (0.0, 0.0, 0.03),
+    (0.0, 0.0, 1.0),
+    (0.0, 0.0, 0.0),
 )
 JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
 SHAPE = 0.08  # standard deviation of each unknown in a walk or jump, over that of the scale times the length of g
 LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
-WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
-TRENDS = tuple(trend for _, trend in CHANGES for _ in LEVELS)
+WALKS = tuple(walk for walk, _, _ in CHANGES for _ in LEVELS)
+TRENDS = tuple(trend for _, trend, _ in CHANGES for _ in LEVELS)
+WEARS = tuple(wear for _, _, wear in CHANGES for _ in LEVELS)
 NOISES = tuple(level**2 for _ in CHANGES for level in LEVELS)
 MODELS = len(NOISES)
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
@@ -283,7 +294,7 @@ def _combine(state: Array, n: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def take(
-    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, first: int, row: Array, y: float,
+    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, first: int, worn: Array, row: Array, y: float,
     within: float, beside: float, wobble: float, work: Array,
 ) -> None:  # fmt: skip
     """One step to `time` [s] with the equation row' x = y; time, rows and y in any units, noise in those of y.
@@ -291,6 +302,7 @@ def take(
     memory          [s] mean time between changes of the model
     steadiness      prior probability that x does not change
     g, first        (n,) change of x per unit of the scale, 0 before `first` and in the end
+    worn            (n,) 1 for the unknowns of friction, 0 for the others
     within, beside  variance of y: per unit of noise, and the known part
     wobble          [s] variance, over the equation's window, of a random walk of rate 1 about its middle
     work            `scratch`
@@ -299,11 +311,12 @@ def take(
     models, elapsed = models_of(state), max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
     stay = exp(-elapsed / memory)
     _interact(state, n, stay, steadiness, probable, before, work[4, :n])
-    along, highest, total = 0.0, -inf, 0.0
+    along, rubbing, highest, total = 0.0, 0.0, -inf, 0.0
     last = state[state.size - n - 1 :]
     again = exp(-elapsed / CORRELATION) if elapsed > 0.0 else 0.0
     for i in range(n):
         along += row[i] * g[i]
+        rubbing += worn[i] * row[i] * row[i]
         fresh[i], last[i] = row[i] - again * last[i], row[i]
     fresh_y, last[n] = y - again * last[n], y
     for j in range(MODELS):
@@ -313,6 +326,9 @@ def take(
         if j >= JUMPING:
             walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
         _predict(x, P, g, first, elapsed, added, TRENDS[j] ** 2)
+        wear = WEARS[j] ** 2
+        for i in range(n):
+            P[i, i] += worn[i] * min(wear * elapsed, FURTHEST)
         coloured = WHITE <= j < COLOURED
         own = fresh if coloured else row
         innovation, doubt = fresh_y if coloured else y, 0.0
@@ -324,7 +340,7 @@ def take(
                 gain[i] += P[i, k] * own[k]
             innovation -= own[i] * x[i]
             doubt += own[i] * gain[i]
-        error = noise * unit + known + walk * wobble * along * along
+        error = noise * unit + known + wobble * (walk * along * along + wear * rubbing)
         variance = max(doubt, 0.0) + error
         likely[j] = log(probable[j]) - 0.5 * (innovation * innovation / variance + log(variance))
         highest = max(highest, likely[j])

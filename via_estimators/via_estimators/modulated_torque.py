@@ -72,6 +72,8 @@ SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
 EFFECTS = (U.long, U.short, U.loss, U.hysteresis, U.creep, U.play)  # that may be absent
+WORN = np.zeros(U.size + 2 * MOST_TERMS + 2)  # change without the spring: all friction of the motor
+WORN[U.damping : U.long + 1] = 1.0
 ABSENT = nested.odds_of(len(EFFECTS))
 RELAXATION = 0.01  # [s] standard deviation of damping over stiffness of a spring: rubber has some milliseconds
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
@@ -288,7 +290,7 @@ def _learn(
         row[j] *= width[j] / noise
         direction[j] = mean[j] / width[j] + x[j] if U.creep <= j < n - 1 else 0.0
     interacting_models.take(
-        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.creep, row, y / noise,
+        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.creep, WORN[:n], row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
