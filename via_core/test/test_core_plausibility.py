@@ -203,3 +203,31 @@ def test_what_loads_a_rigid_link_is_no_fault_of_its_signals(sound):
     assert recorded_equations(PENDULUM)[0].share(sound.between(0.9, 1.9)).impossible
     assert faulty_time(PENDULUM, sound) is None
     assert fault_of(PENDULUM, sound.between(0.9, 1.9)) is None  # nothing is said of it while it runs
+
+
+@pytest.mark.parametrize("device", [CUBIC, QBMOVE, ELASTIC], ids=lambda each: each.name)
+@pytest.mark.parametrize("bits", [10, 12])
+def test_a_coarse_encoder_that_the_file_states_is_no_fault(device, bits):
+    """A tenth of a second holds a few encoder steps only; their direction is known, and damping acts."""
+    step = 2.0 * np.pi / 2**bits
+    declared = device.model_copy(
+        update={"sensors": device.sensors.model_copy(update={"link_quantum": step, "motor_quantum": step})}
+    )
+    sound = moved(device, noise=0.02, time=np.arange(5000) * PERIOD)
+    coarse = sound._replace(q=np.round(sound.q / step) * step, theta=np.round(sound.theta / step) * step)
+    assert faulty_time(declared, coarse) is None
+    found = faulty_time(declared, coarse._replace(torque=-coarse.torque))
+    assert found is not None and found.fault.proven
+
+
+def test_a_motor_that_creeps_through_its_friction_is_no_fault():
+    """Before it slides, the declared dry friction may point anywhere, whatever the direction of motion."""
+    sound = moved(QBMOVE, noise=0.01)
+    motor = QBMOVE.motors[0]
+    creep = 0.02 + 3e-4 * np.sin(8.0 * MOTION)
+    theta = np.column_stack([creep, sound.theta[:, 1]])
+    load = QBMOVE.spring_laws[0].torque(sound.q - creep)
+    held = 0.9 * motor.coulomb_friction * np.sin(3.0 * MOTION)
+    torque = np.column_stack([-load + held, sound.torque[:, 1]])
+    assert not share(QBMOVE, sound._replace(theta=theta, torque=torque)).impossible
+    assert share(QBMOVE, sound._replace(theta=theta, torque=torque + np.array([0.2, 0.0]))).impossible

@@ -91,7 +91,7 @@ def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
 
     Signs, units and the order of channels do not change during a recording. So a change that proves a fault has to
     explain the whole of it (`_undone`); otherwise it imitates what happened in some intervals, and the fault has no
-    name. A link alone may be held, hit or loaded: without a name it has no fault.
+    name. A link alone may be held, hit, loaded or not driven: only a proven fault counts.
     """
     equations = recorded_equations(device)
     if not equations or len(samples.time) < LEAST_SAMPLES:
@@ -103,11 +103,13 @@ def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
     faulty = [interval for interval, each in zip(intervals, found, strict=True) if each.impossible]
     if len(faulty) <= (1.0 - FEW) * known:
         return None
-    fault = Counter(_frozen(device, interval) for _, _, interval in faulty).most_common(1)[0][0]
+    of_link = any(isinstance(each, LinkEquation) for each in equations)
+    frozen = Counter(_frozen(device, interval) for _, _, interval in faulty).most_common(1)[0][0]
+    fault = None if of_link else frozen
     fault = fault or _undone(device, samples, equations, found)
+    if fault is None and of_link:
+        return None
     if fault is None:
-        if any(isinstance(each, LinkEquation) for each in equations):
-            return None
         often = [sum(each.impossible for each in column) > (1.0 - FEW) * known for column in zip(*shares, strict=True)]
         fault = _unnamed(device, samples, often if any(often) else [True] * len(often))
     return FaultyTime(fault, len(faulty) / known, faulty[0][0], faulty[-1][1])

@@ -25,7 +25,7 @@ IMPOSSIBLE = 0.3  # [-] unexplained share from which signals do not belong to th
 CLEAR = 3.0  # [-] the largest part must exceed its noise by this factor, or nothing can be said
 DAMPER_FACTOR = 10.0  # [-] damping varies by command and speed; its number in the file is an order of magnitude
 FURTHEST = 2.0  # [max_deflection] no spring deflects further, and a spring law may overflow there
-RESTING = 10.0  # [encoder steps] in a row, less is no motion with a direction
+RESTING = 3.0  # [encoder steps] in a row, less is no motion with a direction
 MEASURED = 0.9  # [-] of the samples: a torque that was measured
 SWEEPS = 200  # of coordinate descent, more than five unknowns need
 

@@ -65,6 +65,7 @@ from via_core.weak_form import fill_weights
 VARYING = 0.2  # [-] torques that vary less than this share of their size show no course
 KNOTS = 2  # values of the load factor in an interval: a sound spring may soften or stiffen within it
 TIE = 0.01  # [-] weight of their squared differences against the load of the whole interval
+PRESLIDING = 2e-3  # [rad] of travel, within which dry friction has not built up and may point anywhere
 FIXED = 5  # unknowns before them: b, d, c, e, g
 PARTS = FIXED + KNOTS
 
@@ -198,7 +199,7 @@ def _motor_share(
     noises = np.array([noise_of(torque), noise_of(angle), noise_of(load)]) ** 2
     still = max(RESTING * rest[0], 6.0 * sqrt(noises[1]))  # a smaller range of angle is no motion
     rows, wanted = np.zeros((time.size, PARTS)), np.zeros(time.size)
-    moving = np.zeros(time.size, dtype=np.bool_)
+    moving, travel = np.zeros(time.size, dtype=np.bool_), np.zeros(time.size)
     quiet = np.zeros(3)
     count = 0
     first, last = next_row(time, 0, -1)
@@ -207,12 +208,12 @@ def _motor_share(
         if n >= LEAST_SAMPLES:
             weights = np.empty((3, n))
             fill_weights(ORDER, time[first : last + 1], 0, weights)
-            row, pull = rows[count], 0.0
+            row, pull, reach = rows[count], 0.0, max(n // 8, 1)
             for k in range(n):
                 at = first + k
                 row[0] += weights[2, k] * angle[at]
                 row[1] -= weights[1, k] * angle[at]
-                row[2] += weights[0, k] * np.sign(angle[min(at + 1, angle.size - 1)] - angle[max(at - 1, 0)])
+                row[2] += weights[0, k] * np.sign(angle[min(at + reach, angle.size - 1)] - angle[max(at - reach, 0)])
                 row[4] += weights[1, k] * deflection[at]
                 pull += weights[0, k] * load[at]
             row[3] = 1.0
@@ -223,7 +224,8 @@ def _motor_share(
             else:
                 row[FIXED] = pull
             wanted[count] = _of_torque(weights[0], torque, first)
-            moving[count] = np.ptp(angle[first : last + 1]) > still
+            travel[count] = np.ptp(angle[first : last + 1])
+            moving[count] = travel[count] > still
             short, bend = weights[0] @ weights[0], weights[2] @ weights[2]
             quiet += noises * np.array([short, bend, short])
             quiet[2] += rest[2] * rest[2]  # slow motion repeats the error of an encoder step throughout a row
@@ -231,16 +233,16 @@ def _motor_share(
         first, last = next_row(time, first, last)
     if count < PARTS:
         return 0.0, 0.0
-    rows, wanted, moving = rows[:count], wanted[:count], moving[:count]
+    rows, wanted, moving, travel = rows[:count], wanted[:count], moving[:count], travel[:count]
     filed = np.sqrt(low * high)  # the numbers of the file, in the middle of their bounds
     springs = np.full(KNOTS, filed[3])
     whole = _largest(rows, wanted, filed[0], springs)
-    size, clearness = _compare(rows, wanted, moving, low, high, quiet, rest)
+    size, clearness = _compare(rows, wanted, moving, travel, low, high, quiet, rest)
     for j in range(PARTS):
         if j != 3:
             rows[:, j] -= rows[:, j].mean()
     wanted -= wanted.mean()
-    course, course_clearness = _compare(rows, wanted, moving, low, high, quiet, rest)
+    course, course_clearness = _compare(rows, wanted, moving, travel, low, high, quiet, rest)
     varying = _largest(rows, wanted, filed[0], springs)
     if course > size and course_clearness > CLEAR and varying > VARYING * VARYING * whole:
         return course, course_clearness
@@ -267,7 +269,7 @@ def _largest(rows: Array, wanted: Array, inertia: float, spring: Array) -> float
 
 @njit(cache=True, error_model="numpy")
 def _compare(
-    rows: Array, wanted: Array, moving: Array, low: Array, high: Array, quiet: Array, rest: Array
+    rows: Array, wanted: Array, moving: Array, travel: Array, low: Array, high: Array, quiet: Array, rest: Array
 ) -> tuple[float, float]:  # fmt: skip
     """Unexplained share of rows (n, PARTS) and torques (n,), and ratio of the largest part to its noise."""
     x, below, above = np.zeros(PARTS), np.zeros(PARTS), np.zeros(PARTS)
@@ -293,8 +295,8 @@ def _compare(
     largest = _largest(rows, wanted, x[0], x[FIXED:])
     free = max(rest[1], x[2] + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
     for k in range(len(left)):
-        if not moving[k]:
-            left[k] = np.sign(left[k]) * max(abs(left[k]) - free, 0.0)
+        held = free if not moving[k] else rest[1] if travel[k] < PRESLIDING else 0.0
+        left[k] = np.sign(left[k]) * max(abs(left[k]) - held, 0.0)
     noise = quiet[0] + x[0] * x[0] * quiet[1] + np.mean(x[FIXED:] ** 2) * quiet[2]
     if largest <= 0.0:
         return 0.0, 0.0

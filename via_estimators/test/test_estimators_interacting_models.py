@@ -114,7 +114,7 @@ def test_without_change_it_is_least_squares():
 
 
 @pytest.mark.parametrize("noise", [0.03, 0.3, 3.0, 10.0])
-def test_standard_deviations_match_the_scatter_for_any_noise(noise):
+def test_standard_sds_match_the_scatter_for_any_noise(noise):
     """The declared noise is 1; 60 runs of unknowns from the prior that do not change."""
     errors, variances = [], []
     for seed in range(60):
@@ -127,7 +127,7 @@ def test_standard_deviations_match_the_scatter_for_any_noise(noise):
 
 
 @pytest.mark.parametrize("memory", [0.15, 0.3, 0.6])
-def test_coloured_noise_is_recognised_and_its_standard_deviations_match_the_scatter(memory):
+def test_coloured_noise_is_recognised_and_its_standard_sds_match_the_scatter(memory):
     """Gauss-Markov noise of other correlation times [s] than assumed; regressors that vary as slowly."""
     errors, variances, white, returning = [], [], [], []
     for seed in range(40):
@@ -183,7 +183,7 @@ def test_after_a_jump_the_scale_is_constant_again():
     mean, covariance, probability = answers[-1]
     assert np.abs(mean[:3] - 0.75 * G[:3]).max() < 0.3
     assert probability[: len(models.LEVELS)].sum() > 0.5
-    assert np.trace(covariance) < 4.0 * np.trace(answers[90][1])  # twice the standard deviations
+    assert np.trace(covariance) < 4.0 * np.trace(answers[90][1])  # twice the standard sds
 
 
 @pytest.mark.parametrize("friction", [lambda t: 1.4 if t > 10.0 else 0.5, lambda t: 0.5 - 0.01 * t])
@@ -191,14 +191,13 @@ def test_a_change_of_friction_is_no_change_of_the_spring(friction):
     """The spring's unknowns, without the first one, keep their intervals and their values."""
     spring = np.array([0.0, -0.5, 2.0, 0.0])
     given = [
-        (t, row, y + friction(t - 3.0) * row[0], spring)
-        for t, row, y, _ in equations(240, 0.05, seed=2, truth=spring)
+        (t, row, y + friction(t - 3.0) * row[0], spring) for t, row, y, _ in equations(240, 0.05, seed=2, truth=spring)
     ]
     answers = fast(given, 0.5, 25e-4, 0.0, 0.0)
     errors = np.array([mean[:3] - [friction(t - 3.0), *spring[1:3]] for (t, *_), (mean, *_) in zip(given, answers)])
-    deviations = np.sqrt([np.diag(covariance)[:3] for _, covariance, _ in answers])
-    assert np.mean(np.abs(errors[40:]) <= 1.96 * deviations[40:]) > 0.9
-    assert np.abs(errors[-1]).max() < 0.05 and deviations[-1, 1:].max() < 0.03
+    sds = np.sqrt([np.diag(covariance)[:3] for _, covariance, _ in answers])
+    assert np.mean(np.abs(errors[40:]) <= 1.96 * sds[40:]) > 0.9
+    assert np.abs(errors[-1]).max() < 0.05 and sds[-1, 1:].max() < 0.03
     worn = np.array(models.WEARS) > 0.0
     assert max(found[worn].sum() for *_, found in answers) > 0.9
 

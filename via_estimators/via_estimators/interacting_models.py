@@ -69,8 +69,8 @@ from via_core.signals import Array
 
 from via_estimators.slots import slots
 
-# Random walk of the scale [1/sqrt(s)], of its trend [1/s/sqrt(s)] and of every unknown of friction [1/sqrt(s)]; first no
-# change, in white and in coloured noise.
+# Random walk of the scale [1/sqrt(s)], of its trend [1/s/sqrt(s)], of every unknown of friction [1/sqrt(s)]; first
+# no change, in white and in coloured noise.
 CHANGES = (
     (0.0, 0.0, 0.0),
     (0.0, 0.0, 0.0),
@@ -294,8 +294,8 @@ def _combine(state: Array, n: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def take(
-    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, first: int, worn: Array, row: Array, y: float,
-    within: float, beside: float, wobble: float, work: Array,
+    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, first: int, worn: Array,
+    row: Array, y: float, within: float, beside: float, wobble: float, work: Array,
 ) -> None:  # fmt: skip
     """One step to `time` [s] with the equation row' x = y; time, rows and y in any units, noise in those of y.
 
