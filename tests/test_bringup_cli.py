@@ -95,6 +95,23 @@ def test_estimate_writes_all_estimates_without_rounding(via, bag, tmp_path):
     assert all(np.isfinite(float(cell)) for cell in lines[-1].split(",")[2:])
 
 
+@pytest.mark.parametrize(("period", "words", "updated"), [(10, "come at 100 Hz", True), (1000, "in ms, not in s", False)])
+def test_windows_of_estimators_follow_the_rate_of_the_recording(via, tmp_path, period, words, updated):
+    """Three seconds at a tenth of the file's rate give estimates: a window has the same length in seconds."""
+    writer = JointStateWriter(DEVICE)
+    with BagWriter(tmp_path / "slow") as out:
+        out.add_topic(SAMPLES, "sensor_msgs/msg/JointState")
+        for k in range(300):
+            time = 10**9 + k * period * 10**6
+            writer.position[:] = np.sin(0.1 * k + np.arange(3))
+            writer.effort[1:] = np.cos(0.1 * k)
+            out.write(SAMPLES, serialize_message(writer.stamped(time)), log_time=time)
+    code, out, err = via("estimate", "slow", "--device", DEVICE.name, "--csv", "e.csv")
+    assert code == 0 and words in " ".join((out + err).split())
+    statuses = [line.split(",")[1] for line in (tmp_path / "e.csv").read_text(encoding="utf-8").splitlines()[1:]]
+    assert (statuses[40] != "WARMING_UP") == updated  # .2 s are 200 samples of the file
+
+
 def test_estimate_takes_several_devices_and_methods(via, tmp_path):
     devices = [load_device(f"{name}={DEVICE.name}") for name in ("left", "right")]
     with BagWriter(tmp_path / "two") as out:

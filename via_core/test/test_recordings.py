@@ -15,7 +15,8 @@ from via_core.bags.inspection import check, info
 from via_core.bags.joints import joint_signals
 from via_core.bags.mapping import load_mapping
 from via_core.bags.reader import read_bag
-from via_core.devices import parse_device
+from via_core.bags.recording_checks import check_recording
+from via_core.devices import load_device, parse_device
 from via_core.errors import BagError, DeviceError, ImportMapError, ParameterError, SignalError
 from via_core.recordings.channels import read_joint
 from via_core.recordings.entries import Constants, entries_of
@@ -23,6 +24,7 @@ from via_core.recordings.guess import guess_columns, guess_time, of_joint, split
 from via_core.recordings.mapping_text import mapping_text
 from via_core.recordings.tables import is_bag, numbers, read_tables
 from via_core.recordings.units import factor, is_linear, is_unit, kind
+from via_core.signals import Signals
 
 N = 200
 TIME = np.arange(N) * 0.004
@@ -449,3 +451,17 @@ def test_a_summary_states_the_size_of_a_bag_in_sqlite3(tmp_path: Path) -> None:
     bag(tmp_path / "run", StoragePlugin.SQLITE3)
     (file,) = (tmp_path / "run").glob("*.db3")
     assert info(tmp_path / "run").size == file.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("factor", "severity", "words"),
+    [(1.0, "", ""), (1.1, "", ""), (0.1, "warning", "come at"), (1e-3, "error", "in ms, not in s")],
+)
+def test_another_rate_than_that_of_the_file_is_reported(factor: float, severity: str, words: str) -> None:
+    device = load_device("qbmove_a")
+    time = np.arange(400) / (factor * device.sensors.rate)
+    time[200:] += 0.3  # lost samples do not matter
+    signals = Signals(time, {"q": 0.1 * np.sin(5.0 * time)}, {"q": "rad"})
+    found = [each for each in check_recording(signals, None, device) if each.check == "rate"]
+    assert [each.severity for each in found] == ([severity] if severity else [])
+    assert all(words in each.text for each in found)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from via_core.bags.joints import JointRecording, joint_channels
 from via_core.bags.reader import Bag
+from via_core.bags.recording_checks import rate_remark
 from via_core.devices import Device
 from via_core.errors import BagError
 from via_core.signals import Array
@@ -107,10 +108,11 @@ def table_rows(recording: JointRecording, inputs: tuple[str, ...]) -> SampleRows
     return SampleRows(stamp, rows, held["damping"])
 
 
-def estimate_table(recording: JointRecording, estimator: Estimator) -> BagEstimates:
-    """Estimates of a joint in a table, sample by sample."""
-    samples = table_rows(recording, estimator.inputs)
-    return BagEstimates(samples, estimator.run_rows(samples.rows)[1])
+def at_rate(device: Device, rate: float) -> Device:
+    """The device with samples at `rate` [Hz], if its file says another one: the windows of estimators count samples."""
+    if not rate_remark(rate, device):
+        return device
+    return device.model_copy(update={"sensors": device.sensors.model_copy(update={"rate": rate})})
 
 
 def estimate_bag(bag: Bag, device: Device, estimator: Estimator, joint_topic: str = "/joint_states") -> BagEstimates:

@@ -12,6 +12,7 @@ import numpy as np
 import typer
 from rich.table import Table
 from via_core.bags.reader import Bag, read_bag
+from via_core.bags.recording_checks import rate_remark, sampling_rate
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_core.recordings.channels import joint_of
@@ -19,7 +20,7 @@ from via_core.recordings.tables import Tables, is_bag, read_tables
 from via_core.status import Status
 from via_estimators.contract import Estimates
 from via_estimators.methods import Pair, estimator_for, pairs_of
-from via_estimators.rows import BagEstimates, estimate_bag, estimate_table
+from via_estimators.rows import BagEstimates, SampleRows, at_rate, sample_rows, table_rows
 
 from via_bringup.cli.console import answers, errors, table, working
 from via_bringup.cli.outputs import check_files
@@ -88,11 +89,24 @@ class _Source:
         return read_tables(self.path)
 
     def estimates(self, pair: Pair) -> BagEstimates:
-        device, estimator = pair.device, estimator_for(*pair)
-        bag = is_bag(self.path)
+        """Estimates of a device at the rate of its samples."""
+        samples = self._samples(pair)
+        rate = sampling_rate(samples.rows[:, 0])
+        remark = rate_remark(rate, pair.device)
+        if remark:
+            self.remarks.append(f"{pair.device.name}: {remark}")
+        estimator = estimator_for(at_rate(pair.device, rate), pair.method)
+        state, estimates = estimator.run_rows(samples.rows)
+        fault = estimator.fault(state)
+        if fault:
+            self.remarks.append(f"{pair.device.name}: {fault}")
+        return BagEstimates(samples, estimates)
+
+    def _samples(self, pair: Pair) -> SampleRows:
+        device, inputs, bag = pair.device, _inputs(pair), is_bag(self.path)
         if bag and not any(entry.topic for entry in device.wire.columns.values()):
-            return estimate_bag(self.bag, device, estimator, self.joint_topic)
-        return estimate_table(joint_of(self.tables, device, str(self.path), bag), estimator)
+            return sample_rows(self.bag, device, inputs, self.joint_topic)
+        return table_rows(joint_of(self.tables, device, str(self.path), bag), inputs)
 
 
 def _inputs(pair: Pair) -> tuple[str, ...]:

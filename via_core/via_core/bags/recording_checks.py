@@ -33,6 +33,8 @@ MOVING_SHARE = 0.05  # [-] largest error of a moving servo, as share of the comm
 SPIKE_STEPS = 5  # a spike is more encoder steps than this off the running median
 STALE_SAMPLES = 10  # stale: unchanged for so many samples while the model moves by more than SPIKE_STEPS
 SAFETY = 3.0  # [-] factor on the largest step that spring torque and encoder explain
+RATE = 0.2  # [-] smallest difference from the rate in the device file that is reported
+TIMES = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # units of time met in logs -> per second
 COARSER = 5.0  # [-] largest accepted ratio of the encoder step in the data to that in the device file
 FALLBACK_STEP = 5e-3  # [rad] encoder step (a quarter of a degree) where the device file has none
 
@@ -90,10 +92,32 @@ def check_recording(measured: Signals, commands: Signals | None, device: Device)
         return (Finding("error", "not_measured", "q", "the joint angle was never measured", 1.0),)
     if len(measured) < LEAST_SAMPLES:
         return ()
-    findings = _angle_steps(measured, commands, device)
+    findings = [*_rate(measured.time, device), *_angle_steps(measured, commands, device)]
     if device.drive == "servo" and commands is not None and len(commands) and "theta" in measured:
         findings += _servos(measured, commands, device)
     return (*findings, *_faults(measured, commands, device))
+
+
+def sampling_rate(time: Array) -> float:
+    """Rate [Hz] at which samples with stamps (N,) [s] come, by the median of their steps; NaN if they are few."""
+    time = time[usable_stamps(time)]
+    return 1.0 / float(np.median(np.diff(time))) if len(time) >= LEAST_SAMPLES else np.nan
+
+
+def rate_remark(rate: float, device: Device) -> str:
+    """One sentence if samples come at another rate [Hz] than the device file says; else, and for NaN, empty."""
+    filed = device.sensors.rate
+    if not abs(rate / filed - 1.0) > RATE:
+        return ""
+    units = (f": their time is in {name}, not in s" for name, n in TIMES.items() if abs(rate * n / filed - 1.0) <= RATE)
+    return f"samples come at {rate:.4g} Hz, the device file says {filed:.4g} Hz{next(units, '')}"
+
+
+def _rate(time: Array, device: Device) -> list[Finding]:
+    rate = sampling_rate(time)
+    text = rate_remark(rate, device)
+    severity: Literal["warning", "error"] = "error" if "not in s" in text else "warning"
+    return [Finding(severity, "rate", "time", text, abs(rate / device.sensors.rate - 1.0), RATE)] if text else []
 
 
 def _faults(measured: Signals, commands: Signals | None, device: Device) -> list[Finding]:
