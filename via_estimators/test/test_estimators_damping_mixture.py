@@ -218,6 +218,17 @@ def test_error_and_coverage_hold_outside_the_table(damping, tones, settings):
     assert error < 0.05 and covered > 0.85
 
 
+@pytest.mark.parametrize("rate", [0.25, 0.5])
+def test_a_switched_damper_is_followed(rate):
+    """Square wave of the command; what remains are the windows that contain a switch."""
+    found = [
+        error_and_coverage(*moved(damping=lambda t: np.where(np.sin(2.0 * np.pi * rate * t) > 0.0, 3.5, 1.2), seed=seed))
+        for seed in range(3)
+    ]
+    error, covered = np.mean(found, axis=0)
+    assert error < 0.12 and covered > 0.85
+
+
 def test_damping_is_that_at_the_velocity_and_time_of_the_sample():
     """Without noise; half a window of lag would be an error of 8 % where damping changes fastest with the velocity."""
     rows, truth = moved(damping=lambda t: 2.0 + 0.3 * np.sin(t), bend=0.9, noise=0.0, bits=0)

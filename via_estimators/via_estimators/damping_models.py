@@ -29,7 +29,7 @@ import numpy as np
 from numba import njit
 from via_core.signals import Array
 
-from via_estimators.interacting_models import KNOWN, LEAST_NOISE, NEVER, PERSISTENCE
+from via_estimators.interacting_models import FURTHEST, KNOWN, LEAST_NOISE, NEVER, PERSISTENCE
 from via_estimators.slots import slots
 
 U = slots("linear", "cubic", "quintic", "coulomb", "stribeck", "between", "offset", "late", "trend")  # unknowns
@@ -40,9 +40,10 @@ NONE = 0.3  # prior probability of friction without Stribeck effect
 OF_POWERS = (0.5, 0.3, 0.2)  # prior probabilities of n = 1, 2, 3
 SHAPES = len(STRIBECK) + 1
 STRUCTURES = POWERS * SHAPES
-# Random walk of w_1 [1/sqrt(s)] and of its trend [1/s/sqrt(s)], in prior standard deviations.
-CHANGES = ((0.0, 0.0), (0.03, 0.0), (0.3, 0.0), (0.0, 0.1), (0.0, 1.0))
-OF_CHANGES = (0.8, 0.08, 0.02, 0.08, 0.02)
+# Random walk of w_1 [1/sqrt(s)] and of its trend [1/s/sqrt(s)], in prior standard deviations; the last one follows a
+# damper that is switched.
+CHANGES = ((0.0, 0.0), (0.03, 0.0), (0.3, 0.0), (0.0, 0.1), (0.0, 1.0), (3.0, 0.0))
+OF_CHANGES = (0.799, 0.08, 0.02, 0.08, 0.02, 0.001)
 RATES = len(CHANGES)
 FILTERS = STRUCTURES * RATES
 DRIFT = 0.003  # random walk of every other unknown [prior standard deviations/sqrt(s)]
@@ -230,7 +231,8 @@ def _predict(x: Array, P: Array, elapsed: float, walk: float, trend: float) -> N
     n, at = x.size, U.trend
     if trend > 0.0:
         keep = exp(-elapsed / PERSISTENCE)
-        moved, steady = PERSISTENCE * (1.0 - keep), min(elapsed, PERSISTENCE)
+        moved = PERSISTENCE * (1.0 - keep)
+        steady = min(elapsed, PERSISTENCE, (3.0 * FURTHEST / trend) ** (1.0 / 3.0))  # over which the trend walks
         x[0] += moved * x[at]
         x[at] *= keep
         for k in range(n):
@@ -244,8 +246,8 @@ def _predict(x: Array, P: Array, elapsed: float, walk: float, trend: float) -> N
         P[at, at] += trend * steady
         P[0, at] += 0.5 * trend * steady**2
         P[at, 0] += 0.5 * trend * steady**2
-        P[0, 0] += min(trend * steady**3 / 3.0, 1.0)
-    P[0, 0] += min(walk * elapsed, 1.0)
+        P[0, 0] += trend * steady**3 / 3.0
+    P[0, 0] += min(walk * elapsed, FURTHEST)
 
 
 @njit(cache=True, error_model="numpy")
