@@ -95,7 +95,9 @@ def test_estimate_writes_all_estimates_without_rounding(via, bag, tmp_path):
     assert all(np.isfinite(float(cell)) for cell in lines[-1].split(",")[2:])
 
 
-@pytest.mark.parametrize(("period", "words", "updated"), [(10, "come at 100 Hz", True), (1000, "in ms, not in s", False)])
+@pytest.mark.parametrize(
+    ("period", "words", "updated"), [(10, "come at 100 Hz", True), (1000, "in ms, not in s", False)]
+)
 def test_windows_of_estimators_follow_the_rate_of_the_recording(via, tmp_path, period, words, updated):
     """Three seconds at a tenth of the file's rate give estimates: a window has the same length in seconds."""
     writer = JointStateWriter(DEVICE)

@@ -221,10 +221,11 @@ def test_error_and_coverage_hold_outside_the_table(damping, tones, settings):
 @pytest.mark.parametrize("rate", [0.25, 0.5])
 def test_a_switched_damper_is_followed(rate):
     """Square wave of the command; what remains are the windows that contain a switch."""
-    found = [
-        error_and_coverage(*moved(damping=lambda t: np.where(np.sin(2.0 * np.pi * rate * t) > 0.0, 3.5, 1.2), seed=seed))
-        for seed in range(3)
-    ]
+
+    def damping(t):
+        return np.where(np.sin(2.0 * np.pi * rate * t) > 0.0, 3.5, 1.2)
+
+    found = [error_and_coverage(*moved(damping=damping, seed=seed)) for seed in range(3)]
     error, covered = np.mean(found, axis=0)
     assert error < 0.12 and covered > 0.85
 
