@@ -29,8 +29,11 @@ COLUMNS = ("q", "theta_1", "tau_1", "theta_2")
 
 
 def motion(preset):
-    """Rows (COUNT, 5) of time and COLUMNS, and the true stiffness, at a constant preset [rad]."""
+    """Rows (COUNT, 5) of time and COLUMNS, and the true stiffness; preset [rad], constant or a function of time."""
     motor, spring, random = DEVICE.motors[0], DEVICE.spring_laws[0], np.random.default_rng(2)
+
+    def preset_at(t):
+        return preset(t) if callable(preset) else np.full_like(t, preset)
 
     def at(t):
         return 0.2 * np.sin(5.0 * t) + 0.1 * np.sin(11.0 * t), 0.4 * np.sin(7.0 * t) + 0.2 * np.sin(13.0 * t + 1.0)
@@ -40,10 +43,10 @@ def motion(preset):
     q, theta = at(middle)
     rate = 2.8 * np.cos(7.0 * middle) + 2.6 * np.cos(13.0 * middle + 1.0)
     bend = -19.6 * np.sin(7.0 * middle) - 33.8 * np.sin(13.0 * middle + 1.0)
-    torque = motor.inertia * bend + motor.viscous_friction * rate - spring.torque(q - theta, preset)
+    torque = motor.inertia * bend + motor.viscous_friction * rate - spring.torque(q - theta, preset_at(middle))
     q, theta = at(t)
-    rows = np.column_stack([t, q, theta, torque + 0.02 * random.standard_normal(COUNT), np.full(COUNT, preset)])
-    return rows, spring.stiffness(q - theta, preset)
+    rows = np.column_stack([t, q, theta, torque + 0.02 * random.standard_normal(COUNT), preset_at(t)])
+    return rows, spring.stiffness(q - theta, preset_at(t))
 
 
 @pytest.mark.parametrize("preset", [0.4, 1.5, 4.0])
@@ -58,6 +61,21 @@ def test_signals_of_a_serial_joint_are_plausible_at_any_preset(preset, method):
     assert (estimates.status == Status.OK)[later].mean() > 0.9
     value, sd = estimates.column("stiffness")
     assert (np.abs(value - truth) < 1.96 * sd)[later].mean() > 0.8
+
+
+def test_a_preset_that_swings_is_no_change_of_the_spring():
+    """Stiffness between half and twice its mean, by a motion of motor 2 that other estimators take for a change."""
+    inside = []
+    for pace in (0.5, 1.0, 2.0, 3.0, 6.0):
+        rows, truth = motion(lambda t, pace=pace: 2.0 + 1.5 * np.sin(pace * t))
+        _, estimates = estimator_for(DEVICE).run_rows(rows)
+        later = rows[:, 0] > 2.0
+        assert (estimates.status == Status.OK)[later].mean() > 0.9
+        value, sd = estimates.column("stiffness")
+        error = np.abs(value - truth)[later]
+        assert np.median(error / truth[later]) < 0.005
+        inside.append(np.mean(error < 1.96 * sd[later]))
+    assert np.mean(inside) > 0.85
 
 
 def test_a_reversed_torque_of_a_serial_joint_is_not():

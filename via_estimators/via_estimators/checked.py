@@ -138,7 +138,7 @@ class Checked(Wrapped):
     def _constants(self) -> tuple[Array, Array, Array, Array, Array, Array, float]:
         """Masks (1 + k,) of needed columns and of averaged ones, bounds, `_motors`, `_owners`, interval [s]."""
         logged = {"theta_1"} if self.device.drive == "servo" else set()  # not part of the equation, often missing
-        logged |= {"theta_2"} if self._serial else set()  # not part of the estimate
+        logged |= {"theta_2"} if self._serial else set()  # where it is missing, the preset stays
         needed = np.array([True, *(name not in logged for name in self.inputs)])
         torques = np.array([False, *(name.startswith("tau") for name in self.inputs)])
         return (needed, torques, *self._bounds, self._motors, self._owners, self._interval)

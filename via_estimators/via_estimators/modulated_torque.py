@@ -10,8 +10,11 @@ both ends of a window (Prop. 1):
 
 with f_p = s (phi/s)^p / p, f_0 = s, so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of
 stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned
-against each other) also needs 0, 2, 4, .. The delay also enters to second order, with the present estimate of d: the
-right side is less by d^2 <tau, psi''> / 2.
+against each other) also needs 0, 2, 4, .. In a serial joint motor 2 sets the stiffness of the spring: each a_p is a sum
+a_p + b_p theta_2, as the lever mechanisms have it. With a_p alone a preset that swings would be a spring that changes
+all the time, and a third of the estimates were wrong.
+
+The delay also enters to second order, with the present estimate of d: the right side is less by d^2 <tau, psi''> / 2.
 
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F, d and the damping g of the transmission, that of its damper or of the material of its spring, are unknowns; the
@@ -48,7 +51,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import sqrt
+from math import isfinite, sqrt
 from typing import Any
 
 import numpy as np
@@ -62,7 +65,7 @@ from via_estimators import interacting_models, nested, torque_equation, transmis
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, terms_for
-from via_estimators.torque_equation import COLUMNS, PHI, QUANTUM, TAU, THETA, P, U
+from via_estimators.torque_equation import COLUMNS, PHI, PRESET, QUANTUM, TAU, THETA, P, U
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
@@ -72,7 +75,7 @@ SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
 EFFECTS = (U.long, U.short, U.loss, U.hysteresis, U.creep, U.play)  # that may be absent
-WORN = np.zeros(U.size + 2 * MOST_TERMS + 2)  # change without the spring: all friction of the motor
+WORN = np.zeros(U.size + 3 * MOST_TERMS + 1)  # change without the spring: all friction of the motor
 WORN[U.damping : U.long + 1] = 1.0
 ABSENT = nested.odds_of(len(EFFECTS))
 RELAXATION = 0.01  # [s] standard deviation of damping over stiffness of a spring: rubber has some milliseconds
@@ -92,6 +95,7 @@ class ModulatedTorqueParameters(Parameters):
     modulating_order: int = parameter(5, "h of the modulating function w_hh", "-", 2, 9)
     order: int = parameter(3, "odd terms of the spring law", "-", 1, MOST_TERMS)
     even_terms: int = parameter(0, "even terms in addition, the constant first", "-", 0, MOST_TERMS)
+    preset_terms: int = parameter(0, "odd terms in proportion to the preset theta_2 in addition", "-", 0, MOST_TERMS)
     truncation: float = parameter(1.0, "truncation error over the last term; 0: the basis is exact", "-", 0.0, 10.0)
     memory: float = parameter(60.0, "mean time between changes of how fast the spring changes", "s", 0.05, 1e9)
     steadiness: float = parameter(0.5, "probability that a spring does not change; 1: it never does", "-", 0.0, 1.0)
@@ -141,6 +145,7 @@ class ModulatedTorque(Estimator):
         if device.tolerances.torque_timing > 0.0:
             known["delay_deviation"] = device.tolerances.torque_timing
         order, even = terms_for(device.spring_laws)
+        known |= {"preset_terms": order if device.arrangement == "serial" else 0}
         return cls(ModulatedTorqueParameters(**known, order=order, even_terms=even))
 
     def with_parameters(self, parameters: Parameters) -> ModulatedTorque:
@@ -152,7 +157,8 @@ class ModulatedTorque(Estimator):
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        return transmissions.inputs_of(self.parameters.transmissions)
+        preset = ("theta_2",) if self.parameters.preset_terms > 0 else ()
+        return (*transmissions.inputs_of(self.parameters.transmissions), *preset)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
@@ -161,7 +167,8 @@ class ModulatedTorque(Estimator):
     @property
     def _unknowns(self) -> int:
         """Number of unknowns: those of the motor and the coefficients of the spring law."""
-        return U.size + self.parameters.order + self.parameters.even_terms + 1
+        own = self.parameters
+        return U.size + own.order + own.even_terms + own.preset_terms + 1
 
     @cached_property
     def _constants(self) -> Array:
@@ -273,7 +280,8 @@ def _learn(
     span = times[length - 1] - times[0]
     y, unknown = torque_equation.fill_row(par, psi, held, late, own, span, width[U.delay] * x[U.delay], row)
     middle = own[PHI, length // 2]
-    stiffness = torque_equation.stiffness(par, mean, width, x, middle, direction)[0]
+    preset = own[PRESET, length // 2]
+    stiffness = torque_equation.stiffness(par, mean, width, x, middle, preset, direction)[0]
     inertia, damping, friction = mean[:3] + width[:3] * x[:3]
     within = angles = 0.0
     for k in range(length):
@@ -306,7 +314,8 @@ def _learn(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _report(
-    par: Array, now: float, phi: float, part: Array, i: int, value: Array, sd: Array, joint: Array, slope: Array
+    par: Array, now: float, phi: float, preset: float, part: Array, i: int, value: Array, sd: Array, joint: Array,
+    slope: Array,
 ) -> bool:  # fmt: skip
     """Write the outputs of transmission i and add it to the joint; returns whether it is still warming up."""
     n, m = slope.size, int(par[P.transmissions])
@@ -314,7 +323,7 @@ def _report(
     kept, equation = part[: KEPT.size], _equation(part, n)
     x, covariance = _reported(part, n)
     warming = equation[interacting_models.HEAD.taken] <= ROWS_PER_WINDOW
-    stiffness, bend = torque_equation.stiffness(par, mean, width, x, phi, slope)
+    stiffness, bend = torque_equation.stiffness(par, mean, width, x, phi, preset, slope)
     wider = 1.0 + kept[KEPT.returning]
     factor = par[P.torque_scale_deviation] ** 2
     if not warming:
@@ -325,7 +334,7 @@ def _report(
     uncertain = (
         wider * interacting_models.quadratic(covariance, slope)
         + factor * stiffness**2
-        + torque_equation.truncation(par, mean, width, kept, x, covariance)
+        + torque_equation.truncation(par, mean, width, kept, x, covariance, preset)
         + torque_equation.coarseness(width, x, covariance, phi)
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
     )
@@ -345,16 +354,18 @@ def _report(
 @njit(cache=True, error_model="numpy")
 def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
     length, m, even = int(par[P.length]), int(par[P.transmissions]), int(par[P.even_terms])
-    n, outputs = U.size + int(par[P.order]) + even + 1, 1 + 3 * m
+    varied = int(par[P.preset_terms])
+    n, outputs = U.size + int(par[P.order]) + even + varied + 1, 1 + 3 * m
     value, sd = window.outputs(state, outputs)
     schedule = state[HEADER.size + 2 * outputs : HEADER.size + 2 * outputs + ROW.size]
     times, columns = window.rings(state, HEADER.size + 2 * outputs + ROW.size, length, COLUMNS * m)
     ring, parts = columns.reshape(m, COLUMNS, length), _parts(state, m, n)
     psi, held, late = np.empty((3, length)), np.empty(length), np.empty(length)
     stamps, own = np.empty((1, length)), np.empty((COLUMNS, length))
-    row, slope, work, joint = np.empty(n), np.empty(n), interacting_models.scratch(n), np.empty(JOINT.size)
+    regressors, slope, work, joint = np.empty(n), np.empty(n), interacting_models.scratch(n), np.empty(JOINT.size)
     for k in range(rows.shape[0]):
-        entered = transmissions.enter(state, times, rows[k], 2, FURTHEST * par[P.deflection_scale], par[P.max_gap])
+        row, furthest = rows[k, : 2 + 2 * m], FURTHEST * par[P.deflection_scale]
+        entered = transmissions.enter(state, times, row, 2, furthest, par[P.max_gap])
         if entered == window.SKIPPED:
             window.answer(state, BAD_SAMPLE, out[k])
             continue
@@ -363,6 +374,8 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             ring[i, THETA, slot], ring[i, TAU, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
             ring[i, PHI, slot] = rows[k, 1] - rows[k, 2 + 2 * i]
             before = slot - 1 if slot > 0 else length - 1
+            if varied > 0:  # where it is not measured, it stays
+                ring[i, PRESET, slot] = rows[k, 4] if isfinite(rows[k, 4]) else ring[i, PRESET, before]
             torque_equation.slide(ring[i], before if entered == window.TAKEN else -1, slot, times[slot] - times[before])
         full = state[HEADER.filled] == length
         schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
@@ -381,12 +394,12 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
                 moved = window.span_of(own[PHI])
                 kept[KEPT.moved], kept[KEPT.moving] = moved, 1.0 if moved >= par[P.minimum_motion] else 0.0
                 if kept[KEPT.moving] > 0.0:
-                    _learn(par, stamps[0], psi, held, late, own, part, row, slope, work)
+                    _learn(par, stamps[0], psi, held, late, own, part, regressors, slope, work)
             elif not full:
                 kept[KEPT.moved] = kept[KEPT.moving] = 0.0
             joint[JOINT.motion] = min(joint[JOINT.motion], kept[KEPT.moved])
             phi = ring[i, PHI, slot]
-            warming = _report(par, rows[k, 0], phi, part, i, value, sd, joint, slope)
+            warming = _report(par, rows[k, 0], phi, ring[i, PRESET, slot], part, i, value, sd, joint, slope)
             reached = phi if even else abs(phi)
             inside = transmissions.inside(kept, reached, par[P.range_margin])
             transmissions.grade(joint, warming, kept[KEPT.moving] > 0.0, inside)

@@ -31,16 +31,17 @@ QUANTUM = sqrt(12.0)  # encoder step over the standard deviation of its rounding
 P = slots(
     "length", "transmissions", "order", "even_terms", "memory", "max_gap", "torque_noise", "position_noise",
     "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
-    "torque_scale_deviation", "steadiness",
+    "torque_scale_deviation", "steadiness", "preset_terms",
 )  # fmt: skip
-# Followed by the coefficients of the spring law. Dry friction is the sum of the four from `friction` to `long`.
+# Followed by the coefficients of the spring law, those in proportion to the preset last. Dry friction is the sum of the
+# four from `friction` to `long`.
 U = slots("inertia", "damping", "friction", "slow", "short", "long", "loss", "delay", "hysteresis", "creep", "play")
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 SHORT, LONG = 2e-3, 2e-2  # [rad] travel over which the frictions `short` and `long` build up
 CREEP, COARSE = 0.3, 0.35  # [s]; share of the stiffness that relaxes
 PLAY = 5e-3  # [rad]
-COLUMNS = 7  # of a transmission in the ring
-THETA, TAU, PHI, ON_SHORT, ON_LONG, ON_SPRING, RELAXED = range(COLUMNS)
+COLUMNS = 8  # of a transmission in the ring
+THETA, TAU, PHI, ON_SHORT, ON_LONG, ON_SPRING, RELAXED, PRESET = range(COLUMNS)
 
 
 @njit(cache=True, error_model="numpy")
@@ -75,7 +76,7 @@ def _friction(theta: Array, psi: Array, quantum: float, step: float) -> tuple[fl
 
 @njit(cache=True, error_model="numpy")
 def slide(ring: Array, before: int, slot: int, step: float) -> None:
-    """Write the states of the friction elements and of the creeping part at `slot` of a ring (7, L).
+    """Write the states of the friction elements and of the creeping part at `slot` of a ring (8, L).
 
     before  sample before, < 0 if there is none: nothing is built up then, and the spring is relaxed
     step    [s] since then
@@ -100,11 +101,12 @@ def fill_row(
     """Write the modulated equation's regressors into row (n,); returns its left side and the share without direction.
 
     span   [s] of the window
-    own    (7, L) columns of the window, oldest first
+    own    (8, L) columns of the window, oldest first
     delay  [s] estimated so far
     """
     order, scale, quantum = int(par[P.order]), par[P.deflection_scale], par[P.position_noise] * QUANTUM
-    theta, tau, phi = own[THETA], own[TAU], own[PHI]
+    theta, tau, phi, preset = own[THETA], own[TAU], own[PHI], own[PRESET]
+    varied = row.size - 1 - int(par[P.preset_terms])  # first of the terms in proportion to the preset
     y = 0.0
     row[:] = 0.0
     for k in range(phi.size):
@@ -124,41 +126,54 @@ def fill_row(
         for term in range(order):
             row[U.size + term] -= odd / (2 * term + 1)
             odd *= squared
-        for term in range(order, row.size - U.size - 1):
+        for term in range(order, varied - U.size):
             row[U.size + term] -= even / max(2 * (term - order), 1)
             even *= squared
+        odd = weight * z * preset[k]
+        for term in range(row.size - 1 - varied):
+            row[varied + term] -= odd / (2 * term + 1)
+            odd *= squared
     row[U.friction], row[U.slow], unknown = _friction(theta, psi[0], quantum, span / (phi.size - 1))
     return y, unknown
 
 
 @njit(cache=True, error_model="numpy")
-def stiffness(par: Array, mean: Array, width: Array, x: Array, phi: float, slope: Array) -> tuple[float, float]:
-    """Stiffness [N m/rad] and its derivative by phi at phi [rad]; slope (n,) = d stiffness / dx, overwritten."""
+def stiffness(
+    par: Array, mean: Array, width: Array, x: Array, phi: float, preset: float, slope: Array
+) -> tuple[float, float]:  # fmt: skip
+    """Stiffness [N m/rad] and its derivative by phi at phi and preset [rad]; d stiffness / dx into slope (n,)."""
     order, z = int(par[P.order]), phi / par[P.deflection_scale]
+    varied = x.size - 1 - int(par[P.preset_terms])
     slope[: U.size], slope[x.size - 1] = 0.0, 0.0
     slope[U.creep] = width[U.creep]
     slope[U.play] = width[U.play] if abs(phi) < PLAY else 0.0
     stiffness, bend = slope[U.creep] * x[U.creep] + slope[U.play] * x[U.play], 0.0
     for j in range(U.size, x.size - 1):
-        p = power(j - U.size, order)
+        p, factor = (power(j - U.size, order), 1.0) if j < varied else (2 * (j - varied) + 1, preset)
         share = mean[j] + width[j] * x[j]
-        rise = z ** (p - 1) if p > 0 else 0.0
+        rise = factor * z ** (p - 1) if p > 0 else 0.0
         slope[j] = width[j] * rise
         stiffness += share * rise
-        bend += share * (p - 1) * z ** (p - 2) / par[P.deflection_scale] if p > 1 else 0.0
+        bend += factor * share * (p - 1) * z ** (p - 2) / par[P.deflection_scale] if p > 1 else 0.0
     return stiffness, bend
 
 
 @njit(cache=True, error_model="numpy")
-def truncation(par: Array, mean: Array, width: Array, kept: Array, x: Array, covariance: Array) -> float:
-    """Variance of stiffness [(N m/rad)^2] due to the terms left out, of either parity."""
-    order, even = int(par[P.order]), int(par[P.even_terms])
+def truncation(
+    par: Array, mean: Array, width: Array, kept: Array, x: Array, covariance: Array, preset: float
+) -> float:  # fmt: skip
+    """Variance of stiffness [(N m/rad)^2] due to the terms left out: odd, even, and in proportion to the preset."""
+    order, even, varied = int(par[P.order]), int(par[P.even_terms]), int(par[P.preset_terms])
     if not par[P.truncation] > 0.0:
         return 0.0
     far = max(abs(kept[VISITED.low]), abs(kept[VISITED.high])) / par[P.deflection_scale]
     total = _tail(order - 1, order, far, mean, width, x, covariance)
     if even > 1:
         total += _tail(order + even - 1, order, far, mean, width, x, covariance)
+    if varied > 1:
+        j = x.size - 2
+        share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * covariance[j, j]
+        total += preset * preset * tail(2 * (varied - 1), far, share, variance)
     return par[P.truncation] ** 2 * total
 
 
