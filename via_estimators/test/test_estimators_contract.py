@@ -104,7 +104,17 @@ def test_run_reads_signals_by_channel(estimator):
     assert np.array_equal(rows_of(signals, estimator.inputs), rows)
     assert np.array_equal(estimator.run(signals).value, estimator.run_rows(rows)[1].value)
     without_q = signals.select([name for name in channels if name != "q"])
-    assert set(estimator.run(without_q).status) == {Status.BAD_SAMPLE}
+    with pytest.raises(SignalError, match="no values of q"):
+        estimator.run(without_q)
+
+
+def test_missing_signals_are_an_error_that_names_them():
+    estimator = estimator_for(load_device("qbmove_a"))
+    time = np.arange(100) * 1e-3
+    units = {"q": "rad", "theta": "rad", "torque": "N m"}
+    signals = Signals(time, {"q": 0.0 * time, "theta": np.zeros((100, 2)), "torque": np.zeros((100, 2))}, units)
+    with pytest.raises(SignalError, match="no values of tau_1, tau_2; the signals are q, theta, torque"):
+        estimator.run(signals)
 
 
 def test_step_does_not_modify_its_state_and_states_are_locked(estimator):

@@ -188,8 +188,13 @@ class Estimator(ABC):
         return new, Estimates(out[:, 0], status, out[:, 2 : 2 + k], out[:, 2 + k :], self.outputs)
 
     def run(self, signals: Signals) -> Estimates:
-        """Fold `step` over signals."""
-        return self.run_rows(rows_of(signals, self.inputs))[1]
+        """Fold `step` over signals; raises SignalError if an input without which no sample is usable is missing."""
+        rows = rows_of(signals, self.inputs)
+        estimates = self.run_rows(rows)[1]
+        missing = [name for name, column in zip(self.inputs, rows.T[1:], strict=True) if np.isnan(column).all()]
+        if missing and np.all(estimates.status == Status.BAD_SAMPLE):
+            raise SignalError(f"no values of {', '.join(missing)}; the signals are {', '.join(signals.channels)}")
+        return estimates
 
     def health(self, state: Array) -> Health:
         """Counters and excitation of a state."""
