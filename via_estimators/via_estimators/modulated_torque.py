@@ -258,16 +258,6 @@ def _equation(part: Array, n: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _unroll(ring: Array, oldest: int, out: Array) -> None:
-    """Copy a ring (.., L) into out (.., L), oldest first."""
-    length = ring.shape[-1]
-    for i in range(ring.shape[0]):
-        for k in range(length):
-            at = oldest + k
-            out[i, k] = ring[i, at if at < length else at - length]
-
-
-@njit(cache=True, error_model="numpy")
 def _learn(
     par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, part: Array, row: Array,
     direction: Array, work: Array,
@@ -383,14 +373,14 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
         transmissions.begin(joint)
         if due:
             schedule[ROW.since] = 0.0
-            _unroll(times.reshape(1, length), window.oldest_of(slot, length), stamps)
+            window.unroll(times.reshape(1, length), window.oldest_of(slot, length), stamps)
             window.weigh(int(par[P.modulating_order]), stamps[0], length - 1, psi, held)
             window.hold_slope(stamps[0], length - 1, psi[0], late)
         for i in range(m):
             part = parts[i]
             kept = part[: KEPT.size]
             if due:
-                _unroll(ring[i], window.oldest_of(slot, length), own)
+                window.unroll(ring[i], window.oldest_of(slot, length), own)
                 moved = window.span_of(own[PHI])
                 kept[KEPT.moved], kept[KEPT.moving] = moved, 1.0 if moved >= par[P.minimum_motion] else 0.0
                 if kept[KEPT.moving] > 0.0:

@@ -102,6 +102,16 @@ def admit(state: Array, times: Array, row: Array, required: int, max_gap: float)
 
 
 @njit(cache=True, error_model="numpy")
+def unroll(ring: Array, oldest: int, out: Array) -> None:
+    """Copy a ring (.., L) into out (.., L), oldest first."""
+    length = ring.shape[-1]
+    for i in range(ring.shape[0]):
+        for k in range(length):
+            at = oldest + k
+            out[i, k] = ring[i, at if at < length else at - length]
+
+
+@njit(cache=True, error_model="numpy")
 def densities(times: Array, newest: int, weights: Array, out: Array) -> None:
     """Half the samples psi_n of the modulating function into out (L,); 0 at both ends of the window.
 
