@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from via_core.devices import load_device
+from via_core.signals import Signals
 from via_core.status import Status
+from via_estimators.methods import estimator_for
 from via_estimators.modulated_torque import ModulatedTorque, ModulatedTorqueParameters
 from via_estimators.torque_equation import COLUMNS, ON_LONG, ON_SHORT, THETA, slide
 
@@ -553,3 +555,35 @@ def test_a_step_that_changes_the_shape_of_the_spring_law_is_followed():
     assert np.mean(np.abs(value - truth)[later] <= 1.96 * sd[later]) >= 0.85
     followed = later & (rows[:, 0] % 4.0 > 1.0)
     assert np.sqrt(np.mean((value - truth)[followed] ** 2) / np.mean(truth[followed] ** 2)) < 0.02
+
+
+@pytest.mark.parametrize("change", [lambda t: np.where(t > 8.0, 0.8, 1.0), lambda t: 1.0 - 0.02 * t])
+def test_grease_that_warms_up_is_no_change_of_the_springs(change):
+    """On qbmove_a damping is most of a motor's torque; torques of smooth motions of link and motors in closed form."""
+    device, period = load_device("qbmove_a"), 1e-3
+    time, random = np.arange(16000) * period, np.random.default_rng(6)
+    middle, theta, torque = time - 0.5 * period, [], []
+
+    def link(t):
+        return 0.10 * np.sin(5.0 * t) + 0.08 * np.sin(13.0 * t + 1.0)
+
+    for i, motor in enumerate(device.motors):
+        sign, pace = 1 - 2 * i, 6.0 + 3.0 * i
+
+        def angle(t, sign=sign, pace=pace):
+            return 0.35 * sign + 0.12 * np.sin(pace * t) + 0.05 * np.sin(2.3 * pace * t)
+
+        rate = 0.12 * pace * np.cos(pace * middle) + 0.115 * pace * np.cos(2.3 * pace * middle)
+        bend = -0.12 * pace**2 * np.sin(pace * middle) - 0.2645 * pace**2 * np.sin(2.3 * pace * middle)
+        load = device.spring_laws[i].torque(link(middle) - angle(middle))
+        tau = motor.inertia * bend + change(middle) * motor.viscous_friction * rate - load
+        theta.append(angle(time))
+        torque.append(tau + motor.coulomb_friction * np.sign(rate) + 0.01 * random.normal(size=len(time)))
+    channels = {"q": link(time), "theta": np.column_stack(theta), "tau": np.column_stack(torque)}
+    estimates = estimator_for(device).run(Signals(time, channels, {"q": "rad", "theta": "rad", "tau": "N m"}))
+    truth = sum(law.stiffness(channels["q"] - angle) for law, angle in zip(device.spring_laws, theta, strict=True))
+    value, sd = estimates.column("stiffness")
+    late = (time > 9.0) & (estimates.status == Status.OK)
+    assert late.sum() > 0.8 * (time > 9.0).sum()
+    assert np.median(np.abs(value - truth)[late] / truth[late]) < 0.05
+    assert np.mean((np.abs(value - truth) <= 1.96 * sd)[late]) > 0.85
