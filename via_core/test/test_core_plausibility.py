@@ -198,7 +198,11 @@ def test_a_recording_of_a_rigid_link_proves_wrong_signs_and_units(change, words)
     assert found is not None and words in found.fault.text and found.fault.proven
 
 
-@pytest.mark.parametrize("sound", [swung(weight=4.0), swung(pushed=10.0)], ids=["payload", "pushed"])
+@pytest.mark.parametrize(
+    "sound",
+    [swung(weight=4.0), swung(pushed=10.0), swung()._replace(torque=np.zeros((len(MOTION), 1)))],
+    ids=["payload", "pushed", "moved by its neighbour"],
+)
 def test_what_loads_a_rigid_link_is_no_fault_of_its_signals(sound):
     assert recorded_equations(PENDULUM)[0].share(sound.between(0.9, 1.9)).impossible
     assert faulty_time(PENDULUM, sound) is None
