@@ -104,10 +104,10 @@ def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
     if len(faulty) <= (1.0 - FEW) * known:
         return None
     of_link = any(isinstance(each, LinkEquation) for each in equations)
-    frozen = Counter(_frozen(device, interval) for _, _, interval in faulty).most_common(1)[0][0]
-    fault = None if of_link else frozen
-    fault = fault or _undone(device, samples, equations, found)
-    if fault is None and of_link:
+    fault = Counter(_frozen(device, interval) for _, _, interval in faulty).most_common(1)[0][0]
+    if fault is None:
+        fault = _undone(device, samples, equations, found)
+    if of_link and not (fault and fault.proven):
         return None
     if fault is None:
         often = [sum(each.impossible for each in column) > (1.0 - FEW) * known for column in zip(*shares, strict=True)]

@@ -581,7 +581,9 @@ def test_grease_that_warms_up_is_no_change_of_the_springs(change):
         torque.append(tau + motor.coulomb_friction * np.sign(rate) + 0.01 * random.normal(size=len(time)))
     channels = {"q": link(time), "theta": np.column_stack(theta), "tau": np.column_stack(torque)}
     estimates = estimator_for(device).run(Signals(time, channels, {"q": "rad", "theta": "rad", "tau": "N m"}))
-    truth = sum(law.stiffness(channels["q"] - angle) for law, angle in zip(device.spring_laws, theta, strict=True))
+    truth = sum(
+        spring.stiffness(channels["q"] - angle) for spring, angle in zip(device.spring_laws, theta, strict=True)
+    )
     value, sd = estimates.column("stiffness")
     late = (time > 9.0) & (estimates.status == Status.OK)
     assert late.sum() > 0.8 * (time > 9.0).sum()
