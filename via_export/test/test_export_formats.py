@@ -123,7 +123,7 @@ def test_isaac_lab_configuration_is_python_with_the_numbers_of_the_drive() -> No
     values = {each.arg: ast.literal_eval(each.value) for each in call.keywords}
     assert ast.unparse(call.func) == "DelayedPDActuatorCfg"
     assert values["min_delay"] == values["max_delay"] == 4
-    assert values["stiffness"] == pytest.approx(0.9 * 0.80884) and values["damping"] == pytest.approx(0.037256)
+    assert values["stiffness"] == pytest.approx(0.9 * 0.80884) and values["damping"] == pytest.approx(0.9 * 0.037256)
     assert values["effort_limit"] == pytest.approx(0.9 * 0.70276)
     assert values["friction"] == values["dynamic_friction"] == pytest.approx(0.01)
     assert values["viscous_friction"] == pytest.approx(0.0037)

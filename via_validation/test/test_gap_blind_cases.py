@@ -21,6 +21,7 @@ from via_core.bags.joints import joint_signals
 from via_core.bags.reader import read_bag
 from via_core.devices import Device, load_device
 from via_gap.logs.log import read_log
+from via_validation.commands.gap_blind import SEED
 from via_validation.sealed.case import FAR_RANGE, RANGE, _rates, _windows, draw_case
 from via_validation.sealed.catalogue import CATALOGUE
 from via_validation.sealed.joints import CONTROLLED, FAMILIES, POSITIONED, believed, device_of, draw_joint, scaled
@@ -68,8 +69,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, list[Mad
 
 
 def test_a_block_of_seeds_holds_every_effect_once_and_its_shares() -> None:
-    begin = 100_287 // BLOCK * BLOCK
-    assert begin == 100_287  # where the command begins
+    begin = SEED
+    assert begin % BLOCK == 0
     plans = [plan(s) for s in range(begin, begin + BLOCK)]
     free = [each for each in plans if not each.family and not each.both]
     assert sorted(each.effect for each in free if each.kind == "single" and each.level == "full") == sorted(CATALOGUE)
