@@ -1,4 +1,4 @@
-"""A case of the sealed benchmark from end to end: make, run and score."""
+"""Two cases of the sealed benchmark from end to end: make, run and score."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from via_validation.exports.exported import exported
 from via_validation.exports.reading import read_all
 from via_validation.exports.sources import sealed_sources
 
-SEEDS = {"14368": "quadratic_drag"}  # a clean, good recording of a rigid joint
+SEEDS = {"19231": "coulomb_friction", "14368": "quadratic_drag"}  # clean, good recordings of rigid joints
 
 
-@pytest.mark.timeout(600)  # [s] three processes, each of which compiles or loads the simulators anew
-def test_a_case_drawn_here_is_answered_right(tmp_path: Path) -> None:
+@pytest.mark.timeout(600)  # [s] six processes, each of which compiles or loads the simulators anew
+def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:
     runner = CliRunner()
     for seed, effect in SEEDS.items():
         cases, keys, results = (str(tmp_path / seed / name) for name in ("cases", "keys", "results"))

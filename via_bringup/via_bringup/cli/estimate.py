@@ -1,4 +1,7 @@
-"""`via estimate LOG`: run estimators on a recording without ROS. From a bag they equal the node's bit for bit."""
+"""`via estimate LOG`: run estimators on a recording without ROS.
+
+From a bag they equal the node's bit for bit, if its samples come at the rate of the device file; a node cannot know it.
+"""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ MOVING_SHARE = 0.05  # [-] largest error of a moving servo, as share of the comm
 SPIKE_STEPS = 5  # a spike is more encoder steps than this off the running median
 STALE_SAMPLES = 10  # stale: unchanged for so many samples while the model moves by more than SPIKE_STEPS
 SAFETY = 3.0  # [-] factor on the largest step that spring torque and encoder explain
-RATE = 0.2  # [-] smallest difference from the rate in the device file that is reported
+RATE = 0.2  # [-] of the rate in the device file: samples lost or late at random change the median step by less
 TIMES = {"ms": 1e3, "us": 1e6, "ns": 1e9}  # units of time met in logs -> per second
 COARSER = 5.0  # [-] largest accepted ratio of the encoder step in the data to that in the device file
 FALLBACK_STEP = 5e-3  # [rad] encoder step (a quarter of a degree) where the device file has none
@@ -106,17 +106,22 @@ def sampling_rate(time: Array) -> float:
 
 def rate_remark(rate: float, device: Device) -> str:
     """One sentence if samples come at another rate [Hz] than the device file says; else, and for NaN, empty."""
-    filed = device.sensors.rate
+    filed, unit = device.sensors.rate, _unit_of_time(rate, device)
     if not abs(rate / filed - 1.0) > RATE:
         return ""
-    units = (f": their time is in {name}, not in s" for name, n in TIMES.items() if abs(rate * n / filed - 1.0) <= RATE)
-    return f"samples come at {rate:.4g} Hz, the device file says {filed:.4g} Hz{next(units, '')}"
+    remedy = f": their time is in {unit}, not in s" if unit else ""
+    return f"samples come at {rate:.4g} Hz, the device file says {filed:.4g} Hz{remedy}"
+
+
+def _unit_of_time(rate: float, device: Device) -> str:
+    """The unit of time, other than s, in which samples come at the rate of the device file; empty if there is none."""
+    return next((name for name, n in TIMES.items() if abs(rate * n / device.sensors.rate - 1.0) <= RATE), "")
 
 
 def _rate(time: Array, device: Device) -> list[Finding]:
     rate = sampling_rate(time)
     text = rate_remark(rate, device)
-    severity: Literal["warning", "error"] = "error" if "not in s" in text else "warning"
+    severity: Literal["warning", "error"] = "error" if _unit_of_time(rate, device) else "warning"
     return [Finding(severity, "rate", "time", text, abs(rate / device.sensors.rate - 1.0), RATE)] if text else []
 
 
