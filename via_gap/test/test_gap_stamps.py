@@ -78,6 +78,19 @@ def test_a_drive_that_answers_to_nothing_tells_nothing():
         assert stamped_late([joint(dead, stamp, answers=False)], 2.9e-3) is None
 
 
+def test_a_smooth_command_that_resembles_its_motion_tells_nothing():
+    device, time = rigid(), np.arange(4000) / 100.0
+    speeds = 2.0 * np.pi * np.array([[0.4], [1.1], [2.7], [6.0]])
+    command = np.array([0.6, 0.4, 0.3, 0.3]) @ np.cos(speeds * time + np.arange(4)[:, None])
+    moved = np.array([0.6, 0.4, 0.3, 0.3]) / np.abs(0.1j * speeds[:, 0] - 0.04 * speeds[:, 0] ** 2)
+    turned = np.angle(1.0 / (0.1j * speeds - 0.04 * speeds**2))
+    angle = moved @ np.cos(speeds * (time - 5e-3) + np.arange(4)[:, None] + turned)
+    angle = device.sensors.link_quantum * np.rint(angle / device.sensors.link_quantum)
+    commands = Signals(time, {"external_torque": command}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+    log = JointLog("joint", device, Signals(time, {"q": angle}, {"q": "rad"}), commands)
+    assert stamped_late([log], 5e-3) is None
+
+
 def test_lost_samples_are_left_out():
     log = late_angle()
     kept = np.random.default_rng(1).uniform(size=len(log.measured)) > 0.01

@@ -10,9 +10,11 @@ If the log's angle is stamped when it was measured, the command depends on these
 acts late. If the angle is stamped `late`, the drive used Q(q(t_k)), but the log contains Q(q(t_k - late)), with other
 rounding errors. The former is reconstructed from a polynomial through the samples around t_k + late. The regression
 also contains the measurements up to then, and the polynomial without rounding, so that only the rounding errors
-themselves can indicate a late stamp. Third differences are compared, in which rounding is large and motion small. Each
-half of a log is predicted by the fit to the other. It is a test of Granger causality: C. W. J. Granger, Investigating
-causal relations by econometric models (Econometrica, 1969).
+themselves can indicate a late stamp. An angle that is stamped in time is shown in the same way, by the rounding errors
+of a polynomial around t_k: a command that moves the joint resembles the motion, whoever computed it. Third differences
+are compared, in which rounding is large and motion small. Each half of a log is predicted by the fit to the other. It
+is a test of Granger causality: C. W. J. Granger, Investigating causal relations by econometric models (Econometrica,
+1969).
 """
 
 from __future__ import annotations
@@ -42,20 +44,19 @@ ON_TIME = 0.1  # of a sample's period within which a command belongs to its stam
 FULL = 0.999  # of the largest command: a drive at its limit ignores the measurements
 OUTLIER = 9.0  # times the median: a step of the reference
 LEAST, MOST = 500, 12000  # samples
-EXPLAINED = 0.5  # largest residual share of the squared differences with which commands depend on the measurements
-COMPLETE = 0.03  # the same, with which nothing is left for later measurements to explain
-LATER = 0.95  # of the share without later rounding errors: they were in the commands (observed: .70 to .84, else 1)
+COMPLETE = 0.03  # residual share of the squared differences with which nothing is left for later measurements
+ROUNDED = 0.95  # of the share without some rounding errors: they were in the commands (observed: .23 to .84, else 1)
 
 
 def stamped_late(logs: Sequence[JointLog], late: float) -> bool | None:
     """Whether the link's angle is stamped `late` [s] after its measurement; None where the commands do not show it."""
-    shares = [each for log in logs if (each := _left(log, late)) is not None]
+    shares = [each for log in logs if (each := _rounded(log, late)) is not None]
     if not shares:
         return None
-    at_once, smooth, later = np.mean(shares, axis=0)
-    if at_once > COMPLETE and later < LATER * smooth:
+    now, later = np.mean(shares, axis=0)
+    if later < ROUNDED:
         return True
-    return False if at_once < EXPLAINED else None
+    return False if now < ROUNDED else None
 
 
 def separate_delays(logs: Sequence[JointLog], models: Sequence[Evaluation]) -> tuple[list[Evaluation], list[Finding]]:
@@ -96,10 +97,10 @@ def _renamed(found: Sequence[Evaluation], wrong: Location, right: Location) -> l
     return sorted(kept, key=lambda each: each.score)
 
 
-def _left(log: JointLog, late: float) -> tuple[float, float, float] | None:
-    """Residual shares of the commands' squared third differences, or None where too little can be compared.
+def _rounded(log: JointLog, late: float) -> tuple[float, float] | None:
+    """How far rounding errors reduce the residual share of the commands' squared third differences, as factors.
 
-    With the measurements as stamped; with these and a smooth angle `late` [s] later; with its rounding as well.
+    Those of the angle as it is stamped, and those of the angle `late` [s] later; None where too little can be compared.
     """
     if log.commands is None or "external_torque" not in log.commands:
         return None
@@ -112,20 +113,25 @@ def _left(log: JointLog, late: float) -> tuple[float, float, float] | None:
     limited = np.abs(command) >= FULL * np.nanmax(np.abs(command))
     differences[np.convolve(limited, np.ones(DIFFERENCES + 1))[DIFFERENCES:-DIFFERENCES] > 0.0] = np.nan
     differences[np.abs(differences) > OUTLIER * np.nanmedian(np.abs(differences))] = np.nan
+    smooth = _between(angle, 0.0)
+    moving = [differences, *_lags(smooth)]
+    moved, rounded = _unexplained(moving), _unexplained([*moving, *_lags(step * np.rint(smooth / step))])
     regression = [differences, *_lags(angle)]
     at_once = _unexplained(regression)
-    if at_once is None or at_once < COMPLETE:
-        return None if at_once is None else (at_once, at_once, at_once)
+    if moved is None or rounded is None or at_once is None:
+        return None
+    now, later = rounded / moved, 1.0
+    if at_once < COMPLETE:
+        return now, later
     first = int(np.floor(samples + ABOUT[-1]))
     newest = [_later(np.diff(angle, DIFFERENCES), first - i) for i in range(min(first, AHEAD))]
-    found = []
     for share in samples + ABOUT:
         smooth = _later(_between(angle, share - np.floor(share)), int(np.floor(share)))
         beside = [*regression, *_lags(smooth)]
         moved, rounded = _unexplained(beside), _unexplained([*beside, *newest, *_lags(step * np.rint(smooth / step))])
         if moved is not None and rounded is not None:
-            found.append((at_once, moved, rounded))
-    return min(found, key=lambda each: each[2] / each[1], default=None)
+            later = min(later, rounded / moved)
+    return now, later
 
 
 def _regular(log: JointLog, period: float) -> tuple[Array, Array]:
