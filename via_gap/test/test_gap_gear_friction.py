@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -58,6 +59,17 @@ def test_terms_are_added_to_the_leading_cause_alone():
     model, scales, simple = sticking((("coefficient", 0.25),))
     other = fit_of([COULOMB])  # loss 0
     assert with_gear_terms(model, [simple, other], scales) == [] and with_gear_terms(model, [], scales) == []
+
+
+def test_rivals_get_the_same_terms():
+    """With more terms in the leader alone, it would win by them and not by its cause."""
+    model, scales, simple = sticking(tuple(PLANTED.items()))
+    rival = replace(simple, loss=1.2 * simple.loss)
+    found = with_gear_terms(model, [simple, rival], scales)
+    assert [tuple(each.effects[0].parameters) for each in found[: len(found) // 2]] == [
+        tuple(each.effects[0].parameters) for each in found[len(found) // 2 :]
+    ]
+    assert len(found) == 2 * len(with_gear_terms(model, [simple, replace(simple, loss=3.0 * simple.loss)], scales)) > 0
 
 
 def test_without_further_terms_they_explain_no_more():

@@ -13,7 +13,6 @@ from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.selection.comparison import _supported
 from via_gap.selection.plausibility import absurd, doubt
-from via_sim.catalogue import EFFECTS
 
 NOTHING = np.empty(0)
 COULOMB = Location("coulomb_friction", "motor", 1)
@@ -25,7 +24,7 @@ LIMIT = Location("torque_saturation", "motor", 1)
 def fit(location: Location, covariance: object, *values: float) -> Fit:
     """A location with its parameters' values, and their covariance (or the standard deviation of each)."""
     given = np.asarray(covariance, dtype=np.float64)
-    names = [p.name for p in EFFECTS[location.name].parameters]
+    names = [p.name for p in location.parameters]
     effect = location.effect(dict(zip(names, values, strict=True)))
     return Fit((effect,), np.zeros(2), 0.0, NOTHING, given if given.ndim == 2 else given**2 * np.eye(len(values)))
 
@@ -66,6 +65,16 @@ def test_a_payload_counts_by_its_inertia_where_its_weight_is_not_known():
     inward = gradient / (gradient @ gradient) * 0.01 * mass * distance**2
     covariance = 4.0 * np.outer(trade, trade) + np.outer(inward, inward)
     assert doubt(fit(PAYLOAD, covariance, mass, distance), scales()) == ""
+
+
+def test_an_optional_number_at_the_end_of_its_range_is_a_plainer_effect():
+    optional = ("counter_coefficient", "stribeck", "counter_stribeck", "velocity")
+    geared = Location("load_dependent_friction", "link", 0, optional)
+    highest = {p.name: p.high for p in geared.parameters}["velocity"]
+    known = np.diag([1e-4] * 5)
+    assert doubt(fit(geared, known, 0.1, 0.0, 0.05, 0.05, 0.3), scales()) == ""
+    said = doubt(fit(geared, known, 0.1, 0.0, 0.05, 0.05, highest), scales())
+    assert said.endswith("velocity is at the end of its range")
 
 
 def test_a_number_at_the_end_of_its_range_is_not_named():

@@ -26,7 +26,9 @@ from via_gap.selection.verdict import (
     accepted,
     decide,
     fractions,
+    improvable,
     ladder,
+    relevant,
     simplest,
     without_needless,
 )
@@ -156,9 +158,13 @@ def test_no_decision_contradicts_itself(case):
     elif not named:
         singles = {each.fit.locations for each in without_needless([m for m in models if len(m.fit.effects) == 1])}
         assert decision.explained == 0.0
-        assert {(place,) for place in places} == singles, "every single cause is ranked, and nothing else"
-        assert all(len(model.fit.effects) == 1 for model in decision.models)
-        assert not decision.equivalent or ("causes explain" in decision.reason and verdict == "cannot_tell")
+        tied = len(ladder(tuned, models)[-1].fit.effects) if decision.equivalent else 1
+        assert all(len(model.fit.effects) == tied for model in decision.models)
+        if decision.equivalent:
+            assert "causes explain" in decision.reason and verdict == "cannot_tell"
+            assert set(decision.equivalent) <= set(places), "a tied cause is ranked"
+        else:
+            assert {(place,) for place in places} == singles, "every single cause is ranked, and nothing else"
     else:
         parts = parts_by_hand(tuned, decision.chosen, flexible)
         all_of_it = parts_by_hand(tuned, decision.chosen, None)
@@ -261,13 +267,38 @@ def test_causes_with_equal_shares_are_ranked_by_the_error_that_each_leaves_alone
 
 
 def test_a_larger_share_comes_before_a_smaller_error_alone():
-    named, rival = even(1.0, COULOMB), even(1.03, BACKLASH)
+    named, rival = even(1.0, COULOMB), even(1.1, BACKLASH)
     shares, models = _ranking(named, named, [rival, named])
     assert [place for place, _ in shares] == [COULOMB, BACKLASH]
     assert (models[0], models[1]) == (named, rival)
-    difference = np.log(2.03 / 2.0)
-    weight = float(np.exp(-difference / NUMBERS.margin))
+    beyond = np.log(2.1 / 2.0) - NUMBERS.margin
+    weight = float(np.exp(-beyond / NUMBERS.margin))
     assert dict(shares)[BACKLASH] == pytest.approx(weight / (1.0 + weight), abs=1e-6)
+
+
+def test_a_lead_within_the_margin_is_no_evidence():
+    for square, ahead in ((1.03, False), (1.1, True)):  # ln(2.03 / 2) is half the margin
+        named, rival = even(1.0, COULOMB), even(square, BACKLASH)
+        shares = dict(_ranking(named, named, [rival, named])[0])
+        assert (shares[COULOMB] > shares[BACKLASH] + 1e-6) == ahead
+
+
+def test_pairs_that_tie_are_ranked_as_pairs():
+    """What they have in common explains too little alone; each of the others is one of four."""
+    rest = (BACKLASH, INERTIA, DRAG, DAMPING)
+    pairs = [leaving(1.2, COULOMB, each, seed=i) for i, each in enumerate(rest)]
+    decision = decide(leaving(100.0), [*pairs, leaving(60.0, COULOMB)], reaching(1.0))
+    assert decision.verdict == "cannot_tell" and set(decision.equivalent) == {COULOMB, *rest}
+    shares = dict(decision.shares)
+    assert shares[COULOMB] == pytest.approx(1.0)
+    assert sum(shares[each] for each in rest) == pytest.approx(1.0) and max(shares[each] for each in rest) < 0.5
+
+
+@pytest.mark.parametrize(("left", "possible"), [(2.5, True), (1.8, True), (1.05, False)])
+def test_a_search_goes_on_as_long_as_something_relevant_may_be_left(left, possible):
+    """Whatever comes next leaves noise at best: relevant is 5 % of the error of the tuned device above the noise."""
+    tuned, fewer = even(6.0), even(left, COULOMB)
+    assert improvable(fewer, tuned) == possible == relevant(even(1.0, COULOMB, DRAG), fewer, tuned)
 
 
 @settings(max_examples=300, deadline=None)
@@ -277,7 +308,7 @@ def test_shares_are_sorted_and_add_up_to_the_number_of_effects(case):
     shares = [share for _, share in decision.shares]
     assert shares == sorted(shares, reverse=True)
     assert all(0.0 <= share <= 1.0 for share in shares)
-    if decision.named:
+    if decision.named or decision.equivalent:
         tuned, models, _ = case
         assert sum(shares) == pytest.approx(len(ladder(tuned, models)[-1].fit.effects))
     else:

@@ -16,6 +16,7 @@ from via_sim.effects import Effect
 from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.containment import contained
 from via_gap.candidates.covariance import covariance_of, in_units
+from via_gap.candidates.levers import bending, bent, straightened
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
@@ -149,6 +150,7 @@ class Axes:
 
     size   (p,) typical sizes of the parameters, in their units
     low    (p,) ends of their ranges over `size`; high likewise
+    levers  indices into (p,) of the masses at a distance, which follows: see levers.py
     times  (p,) whether a parameter is a time of the run, for which the gradient is useless
     fixed  (p,) whether a parameter keeps its initial value: an order of whole periods per turn
     held   (J,) whether the effects contain a nuisance, which then stays at 0
@@ -159,6 +161,7 @@ class Axes:
     size: Array
     low: Array
     high: Array
+    levers: tuple[int, ...]
     times: Mask
     fixed: Mask
     held: Mask
@@ -168,14 +171,17 @@ class Axes:
         locations, starts = [location for location, _ in members], [value for _, values in members for value in values]
         parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])
-        low, high = (np.concatenate(ends) / size for ends in zip(*(bounds_of(each, scales) for each in locations)))
+        first = np.cumsum([0, *(len(location.parameters) for location in locations)])
+        levers = tuple(int(i) for i, location in zip(first, locations) if location.kind.lever)
+        low, high = (np.concatenate(ends) for ends in zip(*(bounds_of(each, scales) for each in locations)))
+        size, low, high = (straightened(each, levers) for each in (size, low, high))
         times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
         orders = [p.name.partition("_")[0] == "order" for _, p in parameters]
         fixed = np.array([is_order and float(v).is_integer() for is_order, v in zip(orders, starts)], dtype=np.bool_)
         none = np.zeros(len(problem.nuisances), dtype=np.bool_)
-        free = Axes(problem, tuple(locations), size, low, high, times, fixed, none)
-        first = free.coordinates(np.zeros(len(none)), starts)
-        return replace(free, held=np.any(free.contained(first) != 0.0, axis=1))
+        free = Axes(problem, tuple(locations), size, low / size, high / size, levers, times, fixed, none)
+        begin = free.coordinates(np.zeros(len(none)), starts)
+        return replace(free, held=np.any(free.contained(begin) != 0.0, axis=1))
 
     @property
     def count(self) -> int:
@@ -187,7 +193,7 @@ class Axes:
 
         The effects take up the offsets of the nuisances that they contain, so that the equations stay the same.
         """
-        at = np.append(offsets, np.asarray(values, dtype=np.float64) / self.size)
+        at = np.append(offsets, straightened(np.asarray(values, dtype=np.float64), self.levers) / self.size)
         if np.any(at[: self.count][self.held]):
             at[self.count :] += np.where(self.held, offsets, 0.0) @ self.contained(at)
             at[: self.count][self.held] = 0.0
@@ -209,7 +215,7 @@ class Axes:
         return self.problem.row_or_none(self._effects(at), at[: self.count])
 
     def _effects(self, at: Array) -> list[Effect | None]:
-        values = iter(at[self.count :] * self.size)
+        values = iter(bent(at[self.count :] * self.size, self.levers))
         return [effect_or_none(each, [next(values) for _ in each.parameters]) for each in self.locations]
 
     def effects(self, at: Array) -> tuple[Effect, ...]:
@@ -273,7 +279,9 @@ class Axes:
         Standard deviations of delays also include what is not known of the commands between samples, and those of all
         effects the tolerances of the nuisances that they contain.
         """
-        covariance = in_units(covariance, sd, self.size) + np.diag(delay_sd(self.problem, self.locations) ** 2)
+        bends = bending(here.at[self.count :] * self.size, self.levers)
+        covariance = bends @ in_units(covariance, sd, self.size) @ bends.T
+        covariance += np.diag(delay_sd(self.problem, self.locations) ** 2)
         tolerances = self.contained(here.at)[self.held] * self.size
         covariance += tolerances.T @ tolerances
         offsets = here.at[: self.count].copy()

@@ -11,6 +11,7 @@ from via_core.devices import Device
 from via_sim.catalogue.kinds import EffectParameter
 from via_sim.catalogue.starts import Start, Typical
 
+from via_gap.candidates.levers import bent, straightened
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 
@@ -65,6 +66,9 @@ def combined(location: Location, start: Start, amounts: Sequence[float]) -> list
                 )
             elif p.name in start.through:
                 values[p.name] = amounts[0] * first[p.name]
+    if location.kind.lever:
+        acting = [straightened(np.array([d["mass"], d["distance"]]), (0,)) for d in start.directions]
+        values["mass"], values["distance"] = map(float, bent(np.asarray(amounts) @ acting, (0,)))
     if start.about:
         along, across, sign = start.about + values["torque"], start.about * values["angle"], copysign(1.0, start.about)
         values["torque"] = sign * hypot(along, across) - start.about

@@ -43,9 +43,13 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
         low, high = bounds_of(location, scales)
         edge = EDGE * np.array([size_of(p, location, scales) for p in parameters])
         at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral))
-        limited = range(len(parameters)) if location.kind.contains else which  # at an end it is the simpler effect
-        if location.kind.whole_period:  # at an end the fit asks for a part of a period: any function of the angle
-            limited = [*limited, *_orders(location, values)]
+        # At an end it is a simpler effect: another one, itself without an optional parameter, or a part of a period,
+        # which is any function of the angle.
+        if location.kind.whole_period:
+            more = _orders(location, values)
+        else:
+            more = [i for i, p in enumerate(parameters) if p.name in location.optional]
+        limited = range(len(parameters)) if location.kind.contains else [*which, *more]
         for i in limited:
             if at_end[i]:
                 return f"{location}: {parameters[i].name} is at the end of its range"
@@ -83,7 +87,7 @@ def _orders(location: Location, values: Array) -> list[int]:
 def _size(location: Location, values: Array, neutral: Array, which: list[int]) -> tuple[Array, Array]:
     """Distance of an effect from its absence (k,), and derivatives by its parameters (k, p)."""
     starts = location.kind.starts
-    if starts is not None and starts.product:
+    if location.kind.lever:
         mass, distance = values
         size = np.array([mass * distance, mass * distance**2])  # weight and inertia: the log may show one of them only
         return size, np.array([[distance, mass], [distance**2, 2.0 * mass * distance]])

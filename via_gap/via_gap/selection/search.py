@@ -29,7 +29,7 @@ from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.plausibility import absurd
-from via_gap.selection.verdict import noise_only, relevant, simplest
+from via_gap.selection.verdict import improvable, relevant, simplest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on held-out data
@@ -86,7 +86,7 @@ class Search:
         """Every model evaluated, of any size; the search ends if the best model of a size is `enough`."""
         models: dict[frozenset[Location], Evaluation] = {}
         current = self.tuned
-        while len(current.fit.effects) < MOST and not noise_only(current):
+        while len(current.fit.effects) < MOST and improvable(current, self.tuned):
             size = len(current.fit.effects)
             progress("trying every effect" if size == 0 else f"beside {current.fit.locations[-1]}", 0.2 + 0.15 * size)
             here = self if size == 0 else self._beside(current.fit)

@@ -125,7 +125,7 @@ def decide(
         common = _common(tied, models)
         if common is None or _verdict(tuned, common, flexible)[0] in UNNAMED:
             reason = f"{count} causes explain these data equally well"
-            return replace(unnamed("cannot_tell", reason), equivalent=equivalent)
+            return Decision("cannot_tell", tuned, 0.0, *_ranking(last, tied[0], models), equivalent, reason)
         # which other effect acts beside it is not certain
         verdict, last, equivalent = "main_effect", common, common.fit.locations
     shares, representatives = _ranking(last, tied[0], models)
@@ -217,6 +217,12 @@ def relevant(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
     return False
 
 
+def improvable(each: Evaluation, tuned: Evaluation) -> bool:
+    """Whether a model could be `relevant` beside this one: if it left only noise."""
+    left = [(error(each) - 1.0, NUMBERS.material * max(error(tuned) - 1.0, 0.0)) for error in ERRORS]
+    return not noise_only(each) or any(more > least > 0.0 for more, least in left)
+
+
 def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
     """The tuned device, then larger and larger sets of effects, each accepted beside the one before."""
     steps = [tuned]
@@ -284,12 +290,12 @@ def _common(tied: Sequence[Evaluation], models: Sequence[Evaluation]) -> Evaluat
 def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
     """Frequency of each location in the best of `rivals` on resampled blocks, divided between similar models.
 
-    One model under several names has equal shares.
+    One model under several names has equal shares, and so have models within the margin, which does not matter.
     """
     first = [rivals[number] for number in _agreeing(rivals)]
     stacked = block_means(np.stack([losses(each, first[0]) for each in first]), first[0].block)
     means = stacked[:, resamples(stacked.shape[1])].mean(axis=2)
-    weight = np.exp(-(means - means.min(axis=0)) / NUMBERS.margin)
+    weight = np.exp(np.minimum(1.0 - (means - means.min(axis=0)) / NUMBERS.margin, 0.0))
     share = (weight / weight.sum(axis=0)).mean(axis=1)
     total: dict[Location, float] = {}
     model: dict[Location, tuple[float, Evaluation]] = {}

@@ -106,6 +106,7 @@ class EffectKind:
     of_preset: bool = False  # in a serial joint it needs a spring with a preset
     adds: bool = False  # several at one location add up
     dry: bool = False  # dry friction, of which a fit allows no more than the missing torque
+    lever: bool = False  # its first parameters are a mass and its distance from the axis; m l and m l^2 act
     whole_period: bool = False  # periodic, with at least one period within the travel of its axis
     measured: bool = False  # found in the measurements alone, because it does not change the motion
     one_run: bool = False  # acts at one time of one run, so it cannot be the common cause in several logs

@@ -68,14 +68,12 @@ class Starts:
     """Starts of one effect, and the names of its size parameters: at their neutral values it is absent.
 
     limit      whether the size is a limit: absent if it is beyond all torques or speeds
-    product    whether the product of the first two parameters is better determined than each alone
     of_peak    whether sizes are typically the largest command
     """
 
     sizes: tuple[str, ...]
     made: Callable[[Typical], list[Start]]
     limit: bool = False
-    product: bool = False
     of_peak: bool = False
 
 
@@ -90,13 +88,9 @@ def each(**values: Callable[[Typical], float]) -> Starts:
     return Starts(names, lambda here: [Start(tuple({name: value(here)} for name, value in values.items()), names)])
 
 
-def grid(
-    *sizes: str, at: Callable[[Typical], list[Values]], through: tuple[str, ...] = (), product: bool = False
-) -> Starts:
+def grid(*sizes: str, at: Callable[[Typical], list[Values]], through: tuple[str, ...] = ()) -> Starts:
     """Starts with one direction each, proportional to the size parameters `sizes`."""
-    return Starts(
-        sizes, lambda here: [Start((values,), sizes, through=through) for values in at(here)], product=product
-    )
+    return Starts(sizes, lambda here: [Start((values,), sizes, through=through) for values in at(here)])
 
 
 def limits(at: Callable[[Typical], list[float]], of_peak: bool = False) -> Starts:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Form, Spot, Values
-from via_sim.catalogue.starts import Typical, grid
+from via_sim.catalogue.starts import Start, Starts, Typical
+
+GRAVITY = 9.81  # [m/s^2]
 
 
 def _write(spot: Spot, value: Values) -> None:
@@ -11,11 +13,16 @@ def _write(spot: Spot, value: Values) -> None:
     spot["gravity_torque"] += value["mass"] * spot["gravity"] * value["distance"]
 
 
-def _starts(here: Typical) -> list[dict[str, float]]:
-    link, distance = here.device.link, 0.2
-    if link.gravity_torque != 0.0:
-        distance = min(max(9.81 * link.inertia / abs(link.gravity_torque), 0.02), 1.0)
-    return [{"mass": 0.2 * link.inertia / distance**2, "distance": distance}]
+def _starts(here: Typical) -> list[Start]:
+    """Directions with little and with much inertia for their weight: with a rotor, the link does not show which."""
+    link = here.device.link
+    if link.gravity_torque == 0.0:
+        return [Start(({"mass": 5.0 * link.inertia, "distance": 0.2},), ("mass",))]
+    length = min(max(GRAVITY * link.inertia / abs(link.gravity_torque), 0.02), 1.0)  # of a simple pendulum
+    near, far = length / 8.0, 2.0 * length
+    weighs = {"mass": 0.2 * abs(link.gravity_torque) / (GRAVITY * near), "distance": near}
+    turns = {"mass": 0.2 * link.inertia / far**2, "distance": far}
+    return [Start((weighs, turns), ("mass",))]
 
 
 _BOTH = ("mass", "distance")
@@ -30,7 +37,8 @@ KIND = EffectKind(
         EffectParameter("distance", "m", 0.0, 10.0, 0.0, "l, from the axis"),
     ),
     write=_write,
-    starts=grid("mass", at=_starts, product=True),
+    starts=Starts(("mass",), _starts),
+    lever=True,
     forms=(
         Form("mass * distance", "kg m", _BOTH, lambda m, d: m * d, lambda m, d: (d, m)),
         Form("mass * distance^2", "kg m^2", _BOTH, lambda m, d: m * d**2, lambda m, d: (d**2, 2.0 * m * d)),
