@@ -283,6 +283,26 @@ def test_a_lead_within_the_margin_is_no_evidence():
         assert (shares[COULOMB] > shares[BACKLASH] + 1e-6) == ahead
 
 
+def test_a_rival_beside_the_same_effects_takes_its_part_of_the_probability():
+    tuned, named = leaving(100.0), leaving(1.2, COULOMB, BACKLASH)
+    models = [named, leaving(30.0, COULOMB)]
+    alone = decide(tuned, models, reaching(1.0))
+    rival = leaving(1.2, DRAG, BACKLASH, seed=3)
+    both = decide(tuned, models, reaching(1.0), lambda model: [rival] if model is named else [])
+    assert both.verdict == alone.verdict == "several_effects" and both.named == alone.named
+    assert DRAG in both.equivalent and DRAG not in alone.equivalent
+    assert dict(alone.shares)[COULOMB] == pytest.approx(1.0) and dict(both.shares)[BACKLASH] == pytest.approx(1.0)
+    assert dict(both.shares)[COULOMB] == pytest.approx(dict(both.shares)[DRAG], abs=0.2)
+
+
+def test_a_plainer_rival_at_the_same_places_takes_no_part():
+    """It is compared by what its further parameters are worth, and beside it the named model would be needless."""
+    tuned, named = leaving(100.0), leaving(1.2, STRIBECK, BACKLASH)
+    rival = leaving(1.2, COULOMB, BACKLASH, seed=3)
+    decision = decide(tuned, [named, leaving(30.0, STRIBECK)], reaching(1.0), lambda _model: [rival])
+    assert dict(decision.shares)[STRIBECK] == pytest.approx(1.0) and COULOMB not in decision.equivalent
+
+
 def test_pairs_that_tie_are_ranked_as_pairs():
     """What they have in common explains too little alone; each of the others is one of four."""
     rest = (BACKLASH, INERTIA, DRAG, DAMPING)

@@ -1,10 +1,14 @@
-"""Covariance of fitted parameters: from the curvature of the loss, and from the scores of blocks of segments."""
+"""Covariance of fitted parameters: from the curvature of the loss, scores of blocks of segments, and unknown delays."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from via_core.signals import Array
 
+from via_gap.candidates.location import Location
+from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.residual.residual_model import ResidualModel
 
 CLUSTERS = 30  # blocks of neighbouring segments, whose errors may be correlated
@@ -28,6 +32,19 @@ def in_units(covariance: Array, sd: Array, size: Array) -> Array:
     """(p, p) in units of the parameters, rescaled to the standard deviations `sd` (p,) over their typical sizes."""
     own = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     return np.asarray(covariance * np.outer(sd * size / own, sd * size / own))
+
+
+def delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
+    """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
+
+    The motion shows the sum of the delay of commands, the lag of the drive, and the delay of a single encoder's stamps.
+    Whether a log contains every command is not known: one of many commands, held until the next, acts late by up to
+    half a period on average.
+    """
+    segments = problem.views[0].segments
+    late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
+    sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
+    return np.where([location.name in late for location in locations for _ in location.parameters], sd, 0.0)
 
 
 def clustered_covariance(problem: ResidualModel, slopes: Array, residual: Array, normal: Array, first: int) -> Array:

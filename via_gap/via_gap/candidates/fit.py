@@ -15,12 +15,11 @@ from via_sim.effects import Effect
 
 from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.containment import contained
-from via_gap.candidates.covariance import covariance_of, in_units
+from via_gap.candidates.covariance import covariance_of, delay_sd, in_units
 from via_gap.candidates.levers import bending, bent, straightened
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
-from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.residual.nuisance import BOUND, descend
 from via_gap.residual.residual_model import STEP, ResidualModel
 
@@ -314,19 +313,6 @@ class Axes:
                     break
                 here = best
         return here
-
-
-def delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
-    """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
-
-    The motion shows the sum of the delay of commands, the lag of the drive, and the delay of a single encoder's stamps.
-    Whether a log contains every command is not known: one of many commands, held until the next, acts late by up to
-    half a period on average.
-    """
-    segments = problem.views[0].segments
-    late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
-    sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
-    return np.where([location.name in late for location in locations for _ in location.parameters], sd, 0.0)
 
 
 def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:

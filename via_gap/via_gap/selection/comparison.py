@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import FINISHING, event_times, members_of, refine
+from via_gap.candidates.fit import FINISHING, Fit, event_times, members_of, refine
 from via_gap.selection.between import with_interpolation
 from via_gap.selection.evidence import Evaluation, predicts, vetoed
 from via_gap.selection.experiment import Experiment
@@ -32,6 +32,11 @@ class ModelComparison:
     experiment: Experiment
     candidates: CandidateSet
     models: Sequence[Evaluation]
+
+    def evaluated(self, fits: Sequence[Fit]) -> list[Evaluation]:
+        """Evaluations of those fits that may be named."""
+        supported = _supported(self.experiment, self.candidates)
+        return [each for each in self.experiment.evaluate(fits) if supported(each)]
 
 
 def candidates_of(experiment: Experiment) -> CandidateSet:

@@ -15,6 +15,7 @@ from via_gap.selection.achievable import Achievable
 from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
+from via_gap.selection.rivals import rivals
 from via_gap.selection.verdict import Decision, decide
 
 By = Literal["segments", "free run", "inverse dynamics"]
@@ -62,8 +63,9 @@ def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
     """
     experiment = comparison.experiment
     achievable = Achievable(experiment)
-    decision = decide(experiment.tuned, comparison.models, achievable.beside)
-    decision = decision.converged(experiment, comparison.candidates.scales)
+    scales = comparison.candidates.scales
+    rivals_of = rivals(experiment.fitted, comparison.models, scales, comparison.evaluated)
+    decision = decide(experiment.tuned, comparison.models, achievable.beside, rivals_of).converged(experiment, scales)
     gap = measured_gap(experiment, decision.chosen, achievable)
     if not decision.named or gap.after < gap.tuned:
         return decision, gap

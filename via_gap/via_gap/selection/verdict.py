@@ -26,7 +26,8 @@ from typing import Literal
 import numpy as np
 
 from via_gap.candidates.converged import converged
-from via_gap.candidates.fit import delay_sd, event_times
+from via_gap.candidates.covariance import delay_sd
+from via_gap.candidates.fit import event_times
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.selection import reliability
@@ -98,11 +99,15 @@ class Decision:
 
 
 def decide(
-    tuned: Evaluation, models: Sequence[Evaluation], flexible_beside: Callable[[Evaluation], Evaluation]
+    tuned: Evaluation,
+    models: Sequence[Evaluation],
+    flexible_beside: Callable[[Evaluation], Evaluation],
+    rivals_of: Callable[[Evaluation], Sequence[Evaluation]] = lambda _model: (),
 ) -> Decision:
     """The decision about `models`, which are plausible, supported by both views, and compared on the same segments.
 
     flexible_beside  evaluation of a flexible torque model beside the effects of a model
+    rivals_of        further models with one effect of the named model replaced, with which it shares its probability
     """
     if noise_only(tuned):
         return Decision("no_gap", tuned, 1.0)
@@ -128,7 +133,10 @@ def decide(
             return Decision("cannot_tell", tuned, 0.0, *_ranking(last, tied[0], models), equivalent, reason)
         # which other effect acts beside it is not certain
         verdict, last, equivalent = "main_effect", common, common.fit.locations
-    shares, representatives = _ranking(last, tied[0], models)
+    rivals = [] if last is not tied[0] else [each for each in rivals_of(last) if last in without_needless([last, each])]
+    also = _tied(last, [last, *rivals])[1:]
+    equivalent = tuple(dict.fromkeys((*equivalent, *(location for each in also for location in each.fit.locations))))
+    shares, representatives = _ranking(last, tied[0], models, rivals)
     return Decision(verdict, last, max(fractions(tuned, last, flexible)), shares, representatives, equivalent)
 
 
@@ -147,14 +155,15 @@ def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tupl
 
 
 def _ranking(
-    named: Evaluation, best: Evaluation, models: Sequence[Evaluation]
+    named: Evaluation, best: Evaluation, models: Sequence[Evaluation], rivals: Sequence[Evaluation] = ()
 ) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
     """Causes with their shares and models; of equal shares first the named ones, then the smaller gap alone.
 
-    best  of the models that are compared, those with as many effects; `named`, unless it is what they have in common
+    best    of the models that are compared, those with as many effects; `named`, unless it is what they have in common
+    rivals  further ones, as rich as `named`: none of them is needless beside it
     """
     alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
-    shares = _shares(without_needless(_of_size(best, models)))
+    shares = _shares([*without_needless(_of_size(best, models)), *rivals])
     ranked = sorted(
         ((location, round(share, 9), model) for (location, share), model in zip(*shares, strict=True)),
         key=lambda each: (-each[1], each[0] not in named.fit.locations, alone.get(each[0], np.inf)),

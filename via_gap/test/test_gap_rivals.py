@@ -1,0 +1,48 @@
+"""Rivals replace one effect of a model, beside the same other effects and from their values."""
+
+import numpy as np
+from gap_logs import log_of, rigid
+from via_gap.candidates.fit import Fit, fit_device_parameters, refine
+from via_gap.candidates.location import Location
+from via_gap.candidates.scales import scales_of
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import cut_log
+from via_gap.selection.evidence import Evaluation, evaluate
+from via_gap.selection.rivals import rivals
+from via_sim.effects import Effect
+
+GAIN = Location("torque_gain", "motor", 1)
+DRY, SPRING, BIAS = (
+    Location(*each)
+    for each in (("coulomb_friction", "link", 0), ("link_spring", "link", 0), ("torque_bias", "motor", 1))
+)
+
+
+def test_each_effect_is_replaced_by_the_best_others_that_were_not_tried_beside_the_rest():
+    planted = (Effect("coulomb_friction", "link", {"torque": 0.1}), Effect("torque_gain", "motor", {"gain": 1.3}, 1))
+    log = log_of(rigid(), planted, seed=3, duration=10.0)
+    segments = cut_log(log)
+    model = ResidualModel.of([segments], [np.flatnonzero(segments.valid)], robust=True)
+    scales = scales_of([segments], [None], segments.time, np.ones(len(segments)))
+    tuned = fit_device_parameters(model)
+
+    def of(*members: tuple[Location, list[float]]) -> Evaluation:
+        fit = refine(model, tuned, list(members), scales)
+        assert fit is not None
+        return evaluate(model, [fit], None, model)[0]
+
+    def evaluated(fits: list[Fit]) -> list[Evaluation]:
+        return evaluate(model, fits, None, model)
+
+    dry, gain, spring, bias = (DRY, [0.05]), (GAIN, [1.1]), (SPRING, [0.1, 0.0]), (BIAS, [0.05])
+    singles = [of(each) for each in (dry, gain, spring, bias)]
+    named = of(dry, gain)
+    found = rivals(model, [*singles, named, of(dry, spring)], scales, evaluated)(named)
+    pairs = {frozenset(each.fit.locations) for each in found}
+    assert pairs <= {frozenset(each) for each in ((DRY, BIAS), (GAIN, SPRING), (GAIN, BIAS))}, (
+        "dry and spring was tried"
+    )
+    assert any(GAIN in each for each in pairs)
+    for each in found:
+        assert each.score >= named.score
+    assert rivals(model, singles, scales, evaluated)(singles[0]) == []

@@ -1,0 +1,50 @@
+"""Rivals of the named model: one of its effects replaced by another one, beside the same other effects.
+
+The search adds effects to the best model so far and exchanges them on a subset of the segments. So a second effect is
+often tried beside one of two similar first ones, and the other would lose for the lack of it. Whether it explains as
+much shows only like with like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from via_gap.candidates.fit import FINISHING, Fit, members_of, refine
+from via_gap.candidates.scales import Scales
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.selection.evidence import Evaluation
+from via_gap.selection.plausibility import absurd
+
+MOST = 2  # that replace each effect
+
+
+def rivals(
+    whole: ResidualModel,
+    models: Sequence[Evaluation],
+    scales: Scales,
+    evaluated: Callable[[Sequence[Fit]], list[Evaluation]],
+) -> Callable[[Evaluation], list[Evaluation]]:
+    """The function that gives the rivals of a model, fitted to all segments of `whole` from the values of that model.
+
+    models     of the search: those effects replace one of the model that are best alone, and were not tried beside it
+    evaluated  evaluations of those of some fits that may be named
+
+    A model of one effect has none, and neither have whole runs, where each evaluation needs a fit without each fold.
+    """
+    alone = sorted((each for each in models if len(each.fit.effects) == 1), key=lambda each: each.score)
+    tried = {frozenset(each.fit.locations) for each in models}
+
+    def of(model: Evaluation) -> list[Evaluation]:
+        if model.whole or len(model.fit.effects) < 2:
+            return []
+        fits = []
+        for out in model.fit.locations:
+            rest = [each for each in members_of(model.fit) if each[0] != out]
+            there = {location for location, _ in rest}
+            others = [each.fit for each in alone if not any(map(each.fit.locations[0].overlaps, there))]
+            new = [members_of(each) for each in others if there | {*each.locations} not in tried]
+            swapped = [refine(whole, model.fit, [*rest, *each], scales, FINISHING) for each in new[:MOST]]
+            fits += [each for each in swapped if each is not None and not absurd(each, scales)]
+        return evaluated(fits)
+
+    return of
