@@ -54,5 +54,9 @@ def test_the_most_likely_pair_is_found_from_both_ends_of_the_valley(begin):
     scales = scales_of([segments], [None], segments.time, np.ones(len(segments)))
     found = refine(model, fit_device_parameters(model), [(PAYLOAD, begin)], scales)
     assert found is not None
-    mass, distance = converged(model, found, scales).values
+    best = converged(model, found, scales)
+    mass, distance = best.values
     assert mass * distance == pytest.approx(0.06, rel=0.08)
+    weight = np.array([distance, mass])  # derivatives of m l
+    of_weight, of_mass = np.sqrt(weight @ best.covariance @ weight) / (mass * distance), best.sd[0] / mass
+    assert 0.01 < of_weight < 0.5 * of_mass, "m l is better known than m"
