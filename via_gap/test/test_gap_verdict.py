@@ -295,6 +295,18 @@ def test_a_rival_beside_the_same_effects_takes_its_part_of_the_probability():
     assert dict(both.shares)[COULOMB] == pytest.approx(dict(both.shares)[DRAG], abs=0.2)
 
 
+def test_a_rival_that_explains_more_is_named():
+    """Also within the margin: a cause that is likelier than the named one would contradict the headline."""
+    tuned, first = leaving(100.0), leaving(1.25, COULOMB, BACKLASH)
+    better = leaving(1.2, DRAG, BACKLASH)
+    decision = decide(tuned, [first, leaving(30.0, COULOMB)], reaching(1.0), lambda _model: [better])
+    assert decision.named == (DRAG, BACKLASH) and decision.verdict == "several_effects"
+    assert decision.equivalent[:2] == decision.named and COULOMB in decision.equivalent
+    shares = dict(decision.shares)
+    assert shares[DRAG] >= shares[COULOMB] > 0.0 and sum(shares.values()) == pytest.approx(2.0)
+    assert dict(zip([place for place, _ in decision.shares], decision.models, strict=True))[DRAG] is better
+
+
 def test_a_plainer_rival_at_the_same_places_takes_no_part():
     """It is compared by what its further parameters are worth, and beside it the named model would be needless."""
     tuned, named = leaving(100.0), leaving(1.2, STRIBECK, BACKLASH)

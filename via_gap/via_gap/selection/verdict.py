@@ -134,9 +134,14 @@ def decide(
         # which other effect acts beside it is not certain
         verdict, last, equivalent = "main_effect", common, common.fit.locations
     rivals = [] if last is not tied[0] else [each for each in rivals_of(last) if last in without_needless([last, each])]
-    also = _tied(last, [last, *rivals])[1:]
-    equivalent = tuple(dict.fromkeys((*equivalent, *(location for each in also for location in each.fit.locations))))
-    shares, representatives = _ranking(last, tied[0], models, rivals)
+    best = min([last, *rivals], key=lambda each: each.score)
+    if best is not last and _verdict(tuned, best, flexible)[0] not in UNNAMED:
+        verdict, rivals = _verdict(tuned, best, flexible)[0], [each if each is not best else last for each in rivals]
+        last = best
+    also = _tied(last, [last, *rivals])
+    equivalent = tuple(dict.fromkeys((*(place for each in also for place in each.fit.locations), *equivalent)))
+    further = [each for each in (last, *rivals) if not any(each is model for model in models)]
+    shares, representatives = _ranking(last, tied[0], models, further)
     return Decision(verdict, last, max(fractions(tuned, last, flexible)), shares, representatives, equivalent)
 
 
