@@ -54,8 +54,8 @@ def test_planted_terms_of_a_gear_are_found():
     assert found == {name: pytest.approx(value, rel=0.15) for name, value in PLANTED.items()}
 
 
-def test_terms_are_added_to_the_leading_cause_alone():
-    """Nothing is fitted if another cause, or none, explains the log best."""
+def test_terms_are_not_added_far_from_the_best_fit():
+    """Nothing is fitted if another cause explains the log far better, or if there is no fit."""
     model, scales, simple = sticking((("coefficient", 0.25),))
     other = fit_of([COULOMB])  # loss 0
     assert with_gear_terms(model, [simple, other], scales) == [] and with_gear_terms(model, [], scales) == []

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_logs import log_of, rigid
 from via_gap.candidates.converged import converged
-from via_gap.candidates.fit import fit_device_parameters, refine
+from via_gap.candidates.fit import Axes, fit_device_parameters, members_of, refine
 from via_gap.candidates.levers import bending, bent, straightened
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
@@ -43,6 +43,25 @@ def test_a_start_reaches_every_pair_of_weight_and_inertia_between_its_directions
     mass, distance = combined(PAYLOAD, start, [2.0, 3.0])
     assert mass * distance == pytest.approx(weights @ [2.0, 3.0])
     assert mass * distance**2 == pytest.approx((weights * [near, far]) @ [2.0, 3.0])
+
+
+def test_an_upright_axis_shows_the_inertia_of_a_payload_alone():
+    device = rigid()
+    device = device.model_copy(update={"link": device.link.model_copy(update={"gravity_torque": 0.0})})
+    log = log_of(device, (Effect("payload", "link", {"mass": 0.3, "distance": 0.3}),), seed=3, duration=10.0)
+    segments = cut_log(log)
+    model = ResidualModel.of([segments], [np.flatnonzero(segments.valid)], robust=True)
+    scales = scales_of([segments], [None], segments.time, np.ones(len(segments)))
+    found = refine(model, fit_device_parameters(model), [(PAYLOAD, [0.2, 0.2])], scales)
+    assert found is not None
+    best = converged(model, found, scales)
+    mass, distance = best.values
+    turning = np.array([distance**2, 2.0 * mass * distance])  # derivatives of m l^2
+    of_inertia = np.sqrt(turning @ best.covariance @ turning) / (mass * distance**2)
+    assert mass * distance**2 == pytest.approx(0.027, rel=0.2) and 0.0 < of_inertia < 0.3
+    assert best.sd[0] > mass, "the mass alone is not known"
+    axes = Axes.of(model, members_of(best), scales)
+    assert axes.sd(best)[1] * axes.size[1] == pytest.approx(of_inertia * mass * distance**2, rel=0.01)
 
 
 @pytest.mark.parametrize("begin", [[0.13, 0.39], [0.57, 0.11]], ids=["long", "short"])

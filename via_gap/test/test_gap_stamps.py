@@ -91,6 +91,17 @@ def test_a_smooth_command_that_resembles_its_motion_tells_nothing():
     assert stamped_late([log], 5e-3) is None
 
 
+def test_commands_in_steps_tell_nothing():
+    """Between their steps they do not change, so nothing is left to explain."""
+    device, time = rigid(), np.arange(4000) / 500.0
+    command = np.where(np.sin(2.0 * time) > 0.0, 0.5, 0.0)
+    command[0] = 1.0  # the largest one is left out, as that of a drive at its limit
+    angle = device.sensors.link_quantum * np.rint(0.3 * np.sin(2.0 * time) / device.sensors.link_quantum)
+    commands = Signals(time, {"external_torque": command}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+    log = JointLog("joint", device, Signals(time, {"q": angle}, {"q": "rad"}), commands)
+    assert stamped_late([log], 5e-3) is None
+
+
 def test_lost_samples_are_left_out():
     log = late_angle()
     kept = np.random.default_rng(1).uniform(size=len(log.measured)) > 0.01

@@ -158,10 +158,12 @@ def test_no_decision_contradicts_itself(case):
     elif not named:
         singles = {each.fit.locations for each in without_needless([m for m in models if len(m.fit.effects) == 1])}
         assert decision.explained == 0.0
-        tied = len(ladder(tuned, models)[-1].fit.effects) if decision.equivalent else 1
-        assert all(len(model.fit.effects) == tied for model in decision.models)
+        size = len(ladder(tuned, models)[-1].fit.effects) if decision.equivalent else 1
+        assert all(len(model.fit.effects) == size for model in decision.models)
         if decision.equivalent:
             assert "causes explain" in decision.reason and verdict == "cannot_tell"
+            large = without_needless([m for m in models if len(m.fit.effects) == size])
+            assert set(places) == {p for m in large for p in m.fit.locations}, "every cause in a model of that size"
             assert set(decision.equivalent) <= set(places), "a tied cause is ranked"
         else:
             assert {(place,) for place in places} == singles, "every single cause is ranked, and nothing else"
@@ -290,7 +292,7 @@ def test_a_rival_beside_the_same_effects_takes_its_part_of_the_probability():
     rival = leaving(1.2, DRAG, BACKLASH, seed=3)
     both = decide(tuned, models, reaching(1.0), lambda model: [rival] if model is named else [])
     assert both.verdict == alone.verdict == "several_effects" and both.named == alone.named
-    assert DRAG in both.equivalent and DRAG not in alone.equivalent
+    assert DRAG in both.equivalent and DRAG not in alone.equivalent and both.rivals == (rival,)
     assert dict(alone.shares)[COULOMB] == pytest.approx(1.0) and dict(both.shares)[BACKLASH] == pytest.approx(1.0)
     assert dict(both.shares)[COULOMB] == pytest.approx(dict(both.shares)[DRAG], abs=0.2)
 
@@ -307,12 +309,13 @@ def test_a_rival_that_explains_more_is_named():
     assert dict(zip([place for place, _ in decision.shares], decision.models, strict=True))[DRAG] is better
 
 
-def test_a_plainer_rival_at_the_same_places_takes_no_part():
-    """It is compared by what its further parameters are worth, and beside it the named model would be needless."""
-    tuned, named = leaving(100.0), leaving(1.2, STRIBECK, BACKLASH)
-    rival = leaving(1.2, COULOMB, BACKLASH, seed=3)
-    decision = decide(tuned, [named, leaving(30.0, STRIBECK)], reaching(1.0), lambda _model: [rival])
-    assert dict(decision.shares)[STRIBECK] == pytest.approx(1.0) and COULOMB not in decision.equivalent
+@pytest.mark.parametrize(("first", "second"), [(STRIBECK, COULOMB), (COULOMB, STRIBECK)], ids=["plainer", "richer"])
+def test_a_rival_at_the_same_places_takes_no_part_unless_its_further_parameters_are_needed(first, second):
+    tuned, named = leaving(100.0), leaving(1.2, first, BACKLASH)
+    rival = leaving(1.19, second, BACKLASH, seed=3)
+    decision = decide(tuned, [named, leaving(30.0, first)], reaching(1.0), lambda _model: [rival])
+    assert decision.named == (first, BACKLASH) and decision.rivals == ()
+    assert dict(decision.shares)[first] == pytest.approx(1.0) and second not in decision.equivalent
 
 
 def test_pairs_that_tie_are_ranked_as_pairs():

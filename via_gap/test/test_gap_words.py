@@ -1,7 +1,7 @@
 """Numbers and sentences of a report: nothing rounds to certainty, and sentences follow from the decision."""
 
 import pytest
-from gap_reports import BACKLASH, COULOMB, KINDS, STEPS, VISCOUS, cause, place, report_of, trial
+from gap_reports import BACKLASH, COULOMB, KINDS, RIPPLE, STEPS, VISCOUS, cause, place, report_of, trial
 from hypothesis import given
 from hypothesis import strategies as st
 from via_gap.rendering.evidence_words import findings, rejected, separation, tie_words, values_words
@@ -95,6 +95,28 @@ def test_an_unknown_effect_is_looked_for_where_most_of_the_gap_lies():
     (step,) = next_steps(report)
     assert "outside the catalogue, first at transmission 1" in step
     assert "A flexible torque model reduces the error to 1.5 %" in cautions(report)[0]
+
+
+def test_what_tied_pairs_have_in_common_is_not_said_to_be_in_doubt():
+    """Nothing is named: two pairs tie, and only their second members replace one another."""
+    report = report_of("cannot_tell")
+    trials = (
+        trial(COULOMB, BACKLASH, left=0.01, behind=0.0),
+        trial(COULOMB, RIPPLE, left=0.01, behind=0.02),
+        trial(COULOMB, left=0.5, behind=4.0),
+        trial(BACKLASH, left=0.6, behind=4.5),
+    )
+    tied = report.model_copy(
+        update={
+            "causes": tuple(cause(*each) for each in ((COULOMB, 1.0), (BACKLASH, 0.5), (RIPPLE, 0.5))),
+            "equivalence_set": (COULOMB, BACKLASH, RIPPLE),
+            "effects": (),
+            "figures": report_of("effect").figures.model_copy(update={"trials": trials}),
+        }
+    )
+    (said,) = tie_words(tied)
+    assert said.startswith("These data cannot separate backlash in transmission 1 from torque ripple at motor 1: their")
+    assert "differ by 0.02" in said
 
 
 def test_a_cause_that_ties_with_one_of_a_pair_is_stated_beside_that_one():

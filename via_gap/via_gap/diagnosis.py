@@ -64,6 +64,7 @@ def diagnose(
     comparison = replace(comparison, models=models)
     notify("deciding", 0.85)
     decision, gap = decide_and_measure(comparison)
+    comparison = replace(comparison, models=[*comparison.models, *decision.rivals])
     notify("writing the report", 0.98)
     report = full_report(recordings, comparison, decision, gap, findings)
     notify("done", 1.0)

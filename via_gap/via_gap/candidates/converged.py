@@ -44,5 +44,5 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     clustered = clustered_covariance(likely, slopes * pull[:, None], pull * here.residual, normal, count)
     covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(clustered) / np.diag(covariance), 1.0)),))
     known = np.any(slopes[:, count:] != 0.0, axis=0)
-    sd = np.where(known, np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), fit.sd / axes.size)
+    sd = np.where(known, np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), axes.sd(fit))
     return fit_on(problem, axes.fit(here, covariance, sd))

@@ -149,7 +149,7 @@ class Axes:
 
     size   (p,) typical sizes of the parameters, in their units
     low    (p,) ends of their ranges over `size`; high likewise
-    levers  indices into (p,) of the masses at a distance, which follows: see levers.py
+    levers  index of each mass whose distance from the axis is the next parameter, see levers.py
     times  (p,) whether a parameter is a time of the run, for which the gradient is useless
     fixed  (p,) whether a parameter keeps its initial value: an order of whole periods per turn
     held   (J,) whether the effects contain a nuisance, which then stays at 0
@@ -271,6 +271,11 @@ class Axes:
         """
         square = float(np.mean((self.problem.weights(here.residual) * here.residual) ** 2))
         return covariance_of(normal, self.high - self.low, self.count) * max(square, 1.0)
+
+    def sd(self, fit: Fit) -> Array:
+        """(p,) standard deviations of a fit over the typical sizes."""
+        straightens = np.linalg.inv(bending(straightened(np.array(fit.values), self.levers), self.levers))
+        return np.asarray(np.sqrt(np.diag(straightens @ fit.covariance @ straightens.T)) / self.size)
 
     def fit(self, here: Point, covariance: Array, sd: Array) -> Fit:
         """The fit at these coordinates; covariance (p, p) and standard deviations sd (p,) over the typical sizes.

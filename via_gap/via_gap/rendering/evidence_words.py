@@ -68,7 +68,10 @@ def separation(one: str, other: str) -> str:
 
 @dataclass(frozen=True)
 class Tie:
-    """A cause of the equivalence set that is not named, and the named one that it could replace."""
+    """A cause of the equivalence set that is not named, and the named one that it could replace.
+
+    Where nothing is named, the causes of the best tied model stand for the named ones.
+    """
 
     named: EffectLocation
     other: EffectLocation
@@ -87,9 +90,12 @@ def ties(report: GapReport) -> tuple[Tie, ...]:
     if not report.equivalence_set or report.verdict in ("unknown", "no_gap"):
         return ()
     modelled = [each for each in report.effects if not of_measurements(each)]
-    named = modelled or [*report.effects, *report.equivalence_set][:1]
     trials = report.figures.trials if report.figures is not None else ()
     sets = [(trial, {spot_of(member) for member in trial.effects}) for trial in trials]
+    tied = {spot_of(each): each for each in report.equivalence_set}
+    size = round(sum(each.share for each in report.causes if not of_measurements(each)))  # of the tied models
+    best = next((spots for _, spots in sets if len(spots) == size and spots <= tied.keys()), set())
+    named = modelled or [tied[each] for each in tied if each in best] or [*report.effects, *report.equivalence_set][:1]
     found = []
     for other in report.equivalence_set:
         if other in named or other in report.effects:

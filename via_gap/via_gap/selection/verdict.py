@@ -63,6 +63,7 @@ class Decision:
     equivalent  named locations, and those that held-out data do not distinguish from them
     reason      why nothing is named, for `cannot_tell`
     widened     factor of the standard deviations of `chosen`, by calibration
+    rivals      models that were fitted for this decision, in addition to those of the search
     """
 
     verdict: Verdict
@@ -73,6 +74,7 @@ class Decision:
     equivalent: Locations = ()
     reason: str = ""
     widened: float = 1.0
+    rivals: tuple[Evaluation, ...] = ()
 
     @property
     def named(self) -> Locations:
@@ -94,8 +96,10 @@ class Decision:
             (chosen,) = experiment.folds.evaluate([fit], scales)
         else:
             (chosen,) = experiment.evaluate([fit])
-        models = tuple(chosen if each is self.chosen else each for each in self.models)
-        return replace(self, chosen=chosen, models=models, widened=reliability.shipped().wider)
+        models, rivals = (
+            tuple(chosen if each is self.chosen else each for each in some) for some in (self.models, self.rivals)
+        )
+        return replace(self, chosen=chosen, models=models, rivals=rivals, widened=reliability.shipped().wider)
 
 
 def decide(
@@ -133,16 +137,21 @@ def decide(
             return Decision("cannot_tell", tuned, 0.0, *_ranking(last, tied[0], models), equivalent, reason)
         # which other effect acts beside it is not certain
         verdict, last, equivalent = "main_effect", common, common.fit.locations
-    rivals = [] if last is not tied[0] else [each for each in rivals_of(last) if last in without_needless([last, each])]
-    best = min([last, *rivals], key=lambda each: each.score)
-    if best is not last and _verdict(tuned, best, flexible)[0] not in UNNAMED:
-        verdict, rivals = _verdict(tuned, best, flexible)[0], [each if each is not best else last for each in rivals]
-        last = best
-    also = _tied(last, [last, *rivals])
+    rivals = tuple(each for each in rivals_of(last) if not _needless(last, each)) if last is tied[0] else ()
+    named = simplest([last, *(each for each in rivals if _verdict(tuned, each, flexible)[0] not in UNNAMED)])
+    if named is not last:
+        verdict = _verdict(tuned, named, flexible)[0]
+    also = _tied(named, [last, *rivals])
     equivalent = tuple(dict.fromkeys((*(place for each in also for place in each.fit.locations), *equivalent)))
-    further = [each for each in (last, *rivals) if not any(each is model for model in models)]
-    shares, representatives = _ranking(last, tied[0], models, further)
-    return Decision(verdict, last, max(fractions(tuned, last, flexible)), shares, representatives, equivalent)
+    ranking = _ranking(named, tied[0], models, rivals)
+    return Decision(
+        verdict, named, max(fractions(tuned, named, flexible)), *ranking, equivalent=equivalent, rivals=rivals
+    )
+
+
+def _needless(one: Evaluation, other: Evaluation) -> bool:
+    """Whether one of two models has further parameters at the same sites and is not significantly better by them."""
+    return len(without_needless([one, other])) < 2
 
 
 def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tuple[Verdict, str]:

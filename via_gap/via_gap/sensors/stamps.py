@@ -118,7 +118,7 @@ def _rounded(log: JointLog, late: float) -> tuple[float, float] | None:
     moved, rounded = _unexplained(moving), _unexplained([*moving, *_lags(step * np.rint(smooth / step))])
     regression = [differences, *_lags(angle)]
     at_once = _unexplained(regression)
-    if moved is None or rounded is None or at_once is None:
+    if not moved or rounded is None or at_once is None:  # without a change of the commands nothing is to be explained
         return None
     now, later = rounded / moved, 1.0
     if at_once < COMPLETE:
@@ -129,7 +129,7 @@ def _rounded(log: JointLog, late: float) -> tuple[float, float] | None:
         smooth = _later(_between(angle, share - np.floor(share)), int(np.floor(share)))
         beside = [*regression, *_lags(smooth)]
         moved, rounded = _unexplained(beside), _unexplained([*beside, *newest, *_lags(step * np.rint(smooth / step))])
-        if moved is not None and rounded is not None:
+        if moved and rounded is not None:
             later = min(later, rounded / moved)
     return now, later
 

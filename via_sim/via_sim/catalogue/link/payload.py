@@ -5,8 +5,6 @@ from __future__ import annotations
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Form, Spot, Values
 from via_sim.catalogue.starts import Start, Starts, Typical
 
-GRAVITY = 9.81  # [m/s^2]
-
 
 def _write(spot: Spot, value: Values) -> None:
     spot["inertia"] += value["mass"] * value["distance"] ** 2
@@ -14,13 +12,13 @@ def _write(spot: Spot, value: Values) -> None:
 
 
 def _starts(here: Typical) -> list[Start]:
-    """Directions with little and with much inertia for their weight: with a rotor, the link does not show which."""
+    """Directions with little and with much inertia for their weight: a rotor behind a gear hides that of the link."""
     link = here.device.link
     if link.gravity_torque == 0.0:
         return [Start(({"mass": 5.0 * link.inertia, "distance": 0.2},), ("mass",))]
-    length = min(max(GRAVITY * link.inertia / abs(link.gravity_torque), 0.02), 1.0)  # of a simple pendulum
+    length = min(max(9.81 * link.inertia / abs(link.gravity_torque), 0.02), 1.0)  # [m] of a simple pendulum
     near, far = length / 8.0, 2.0 * length
-    weighs = {"mass": 0.2 * abs(link.gravity_torque) / (GRAVITY * near), "distance": near}
+    weighs = {"mass": 0.2 * link.inertia / (length * near), "distance": near}
     turns = {"mass": 0.2 * link.inertia / far**2, "distance": far}
     return [Start((weighs, turns), ("mass",))]
 
