@@ -5,14 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
+from via_core.devices import Device, load_device
 from via_core.signals import Signals
 from via_gap.diagnosis import diagnose
-from via_gap.logs.between import acting, in_lines, lines_finding
+from via_gap.logs.between import acting, in_lines, lines_finding, steps_of
 from via_gap.logs.log import JointLog
 from via_gap.report.withheld import before_and_after
 from via_sim.effects import Effect
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import InitialConditions, simulate
 
 DELAY = Effect("actuator_delay", "command", {"delay": 0.0213})
+DEAD = Effect("position_deadband", "motor", {"width": 0.03}, 1)
+LATE = Effect("actuator_delay", "command", {"delay": 0.006})  # less than a sample of 10 ms
 PAYLOAD = Effect("payload", "link", {"mass": 0.1, "distance": 0.3})
 
 
@@ -73,3 +79,61 @@ def test_lines_act_late_and_pass_the_samples():
     assert "4 ms" in lines_finding(in_lines(log, 0.002)).text
     # Lines as late as steps of 10 ms are no sign of commands between the samples.
     assert "no command is missing" in lines_finding(in_lines(log, 0.0045)).text
+
+
+def test_a_step_is_what_a_difference_shares_with_neither_neighbour():
+    assert steps_of(np.array([0.0, 0.0, 2.0, 2.0, 2.0])) == pytest.approx([0.0, 2.0, 0.0, 0.0])
+    assert not np.any(steps_of(np.array([0.0, 0.0, 1.0, 2.0, 3.0, 3.0])))  # a ramp
+    noise = np.random.default_rng(2).normal(0.0, 0.1, 400)
+    assert np.mean(np.abs(steps_of(noise)) > 0.0) < 0.02  # otherwise noise would be a row of steps
+    assert 4.0 < steps_of(noise + np.where(np.arange(400) > 200, 5.0, 0.0))[200] < 5.0
+    time = np.arange(0.0, 2.0, 0.01)
+    smooth = np.sin(5.0 * time)
+    assert np.abs(steps_of(smooth)).max() < 5.0**2 * 0.01**2 * 1.01  # a second difference
+    both = smooth[:, None] + np.stack([time >= 0.995, np.zeros(len(time))], axis=1)
+    assert np.abs(steps_of(both)[:, 0]).argmax() == 99 and steps_of(both)[99, 0] == pytest.approx(1.0, abs=1e-2)
+    assert not np.any(steps_of(np.array([0.0, np.nan, 1.0, 1.0])))  # a drive that is off
+
+
+def test_a_step_between_samples_acts_halfway_and_keeps_its_mean():
+    """On a grid that no sample and no middle hits; the integral over all time is that of a step at .105 s."""
+    time = np.arange(20) / 100.0
+    values = np.where(time > 0.105, 3.0, 1.0)
+    commands = Signals(time, {"external_torque": values}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+    log = JointLog("log", rigid(), Signals(time, {"q": time}, {"q": "rad"}), commands)
+    grid = 0.00073 * np.arange(255)
+    for late in (0.0, 0.0031):
+        moved = acting(in_lines(log, late), grid)["external_torque"]
+        assert np.sum((moved > 1.0 + 1e-9) & (moved < 3.0 - 1e-9)) == 1
+        first, last = grid[0], grid[-1] + 0.00073
+        assert moved.sum() * 0.00073 == pytest.approx(last - first + 2.0 * (last - 0.105 - late))
+
+
+@pytest.mark.parametrize(("polled", "effect", "parameter"), [(True, DEAD, "width"), (False, LATE, "delay")], ids=str)
+def test_a_goal_that_jumps_between_samples_or_at_one(polled, effect, parameter):
+    """The jump is at an unknown time before its sample, or at it: in either case the effect is found."""
+    device = load_device("xl330_kp800")
+    report = diagnose([jumping(device, effect, seed, polled) for seed in (1, 2)], device)
+    assert (report.lined is not None) == polled
+    (named,) = report.effects
+    assert named.effect == effect.name and report.verdict in ("effect", "main_effect")
+    estimate = report.causes[0].parameters[parameter]
+    assert abs(estimate.value - effect.parameters[parameter]) < 0.05 * effect.parameters[parameter]
+
+
+def jumping(device: Device, effect: Effect, seed: int, polled: bool) -> JointLog:
+    """Every tenth sample of a position drive at 1 kHz, whose goal jumps at any tick or at such samples alone."""
+    rng, count, every, rate = np.random.default_rng(seed), 12_000, 10, 1000.0
+    goal, begin = np.zeros(count), 150
+    while begin < count:
+        begin = begin if polled else -(-begin // every) * every
+        goal[begin:] = rng.uniform(-1.0, 1.0)
+        begin += int(rng.uniform(300, 900))
+    sensors = device.sensors.model_copy(update={"rate": rate})
+    fast = device.model_copy(update={"sensors": sensors})
+    commands = Signals(
+        np.arange(count) / rate, {"equilibrium": goal}, {"equilibrium": "rad"}, frozenset({"equilibrium"})
+    )
+    plant, start = JointPlant.from_device(fast).with_effects([effect]), InitialConditions(seed=seed)
+    motion = simulate(plant, commands, count / rate, rate, Sensors.of_device(fast), start).measured
+    return thinned(JointLog(f"log {seed}", device, motion.select(["q"]), commands), every)

@@ -10,7 +10,7 @@ from via_core.signals import Signals
 from via_gap.logs.log import JointLog
 from via_gap.residual.command_gaps import GROUPS, gap_pulses
 from via_gap.residual.rollout import Rollout
-from via_gap.residual.segments import Segments, cut_log
+from via_gap.residual.segments import Segments, cut_log, lined
 from via_sim.joint.layout import EXTERNAL
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
@@ -137,3 +137,37 @@ def test_errors_are_whitened_by_their_whole_covariance():
     for error, matrix, white in zip(errors, columns, whitened, strict=True):
         covariance = np.eye(len(error)) + matrix @ matrix.T
         assert white @ white == pytest.approx(error @ np.linalg.solve(covariance, error), rel=1e-6)
+
+
+def test_a_step_between_samples_has_pulses_before_and_after_the_middle():
+    """Drawn times have this error of the integral, in a log of 100 Hz under ticks of 2 ms."""
+    device, period, size = rigid(), 0.01, 2.0
+    time = np.arange(300) * period
+    sent = np.where(time > 1.005, size, 0.0)
+    commands = Signals(time, {"external_torque": sent}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+    segments = cut_log(JointLog("steps", device, Signals(time, {"q": np.sin(time)}, {"q": "rad"}), commands))
+    assert len(gap_pulses(segments)) == 0
+    drawn = np.random.default_rng(3).uniform(1.0, 1.01, 200_000)
+    wanted = size * np.sqrt(np.mean((drawn - 1.005) ** 2))
+    for late in (0.0, 0.004):
+        moved = lined(segments, late)
+        pulses = gap_pulses(moved)[:, :, EXTERNAL]
+        there = np.flatnonzero(pulses.any(axis=0))
+        assert len(pulses) == 2 and np.count_nonzero(pulses) == len(there)
+        assert moved.origin + there / moved.rate - late == pytest.approx(1.0 + 0.002 * np.arange(5))
+        assert np.linalg.norm(pulses.sum(axis=1)) / moved.rate == pytest.approx(wanted, rel=0.01)
+
+
+def test_the_largest_steps_have_pulses_of_their_own():
+    device, rng = rigid(), np.random.default_rng(4)
+    time = np.arange(300) * 0.01
+    sizes = np.zeros(300)
+    sizes[160:175] = rng.uniform(0.5, 1.0, 15) * np.array([3.0] + 14 * [0.01])
+    sent = np.cumsum(sizes * (-1.0) ** np.arange(300))
+    commands = Signals(time, {"external_torque": sent}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+    segments = lined(cut_log(JointLog("s", device, Signals(time, {"q": time}, {"q": "rad"}), commands)), 0.0)
+    pulses = gap_pulses(segments)
+    largest = np.unravel_index(np.abs(pulses).argmax(), pulses.shape)
+    here = np.searchsorted(segments.begin, largest[1], side="right") - 1
+    same = pulses[largest[0], segments.begin[here] : segments.begin[here] + segments.ticks, EXTERNAL]
+    assert len(pulses) == GROUPS and len(np.flatnonzero(same)) in (2, 3)

@@ -5,6 +5,7 @@ from gap_logs import log_of, rigid
 from via_gap.candidates.fit import Fit, fit_device_parameters, refine
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
+from via_gap.diagnosis import diagnose
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_gap.selection.evidence import Evaluation, evaluate
@@ -40,3 +41,25 @@ def test_each_effect_is_replaced_by_the_best_others_that_were_not_tried_beside_t
     for each in found:
         assert each.score >= named.score
     assert rivals(model, singles, scales, evaluated)(singles[0]) == []
+
+
+def test_rivals_are_among_the_models_of_the_report(monkeypatch):
+    fitted: list[Evaluation] = []
+
+    def recorded(*given):
+        of = rivals(*given)
+
+        def wrapped(model):
+            found = of(model)
+            fitted.extend(found)
+            return found
+
+        return wrapped
+
+    monkeypatch.setattr("via_gap.selection.gap.rivals", recorded)
+    ripple = Effect("torque_ripple", "motor", {"amplitude": 0.0012, "order": 9.0, "phase": 0.3}, 1)
+    planted = (Effect("coulomb_friction", "link", {"torque": 0.0025}), ripple)
+    report = diagnose([log_of(rigid(), planted, seed=3, duration=10.0)], rigid())
+    listed = [{each.effect for each in trial.effects} for trial in report.figures.trials]
+    assert fitted
+    assert all({location.name for location in each.fit.locations} in listed for each in fitted)

@@ -1,9 +1,11 @@
 """The search: which candidates are fitted to the end."""
 
 import numpy as np
+from gap_logs import log_of, rigid
 from via_core.devices import load_device
 from via_core.signals import Signals
 from via_gap.candidates.screen import ranked
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import candidates_of
@@ -50,3 +52,12 @@ def test_a_cause_that_a_linear_prediction_ranks_low_is_fitted():
     best = min(fits, key=lambda each: each.loss)
     assert predicted > 4 and len(fits) == 4  # the prediction alone would have left it out
     assert best.locations[0].name == "load_dependent_friction" and best.loss < 0.05 * search.start.loss
+
+
+def test_small_effects_are_sought_although_less_than_one_standard_deviation_is_left():
+    """The first of two effects leaves a mean z^2 below 2, and the search still tries a second one."""
+    ripple = Effect("torque_ripple", "motor", {"amplitude": 0.0004, "order": 9.0, "phase": 0.3}, 1)
+    planted = (Effect("coulomb_friction", "link", {"torque": 0.0025}), ripple)
+    report = diagnose([log_of(rigid(), planted, seed=3, duration=10.0)], rigid())
+    assert report.gap.after < np.sqrt(2.0) * report.gap.floor and len(report.effects) == 1
+    assert any(len(trial.effects) == 2 for trial in report.figures.trials)

@@ -3,7 +3,9 @@
 A log at the rate of the controller contains every command, and each acts until the next. A decimated log contains one
 of many commands. With a zero-order hold, it would act half a sample too late on average, in steps that were not
 commanded. Linear interpolation is closer: the controller sent steps along the line, which are late by half its period
-on average. The motion in the log decides between the two (`via_gap.selection.between`).
+on average. A single step (a goal that jumps) came at any time between its samples, on average halfway: it stays a step
+there, and the unknown time is noise (`via_gap.residual.command_gaps`). The motion in the log decides between hold and
+interpolation (`via_gap.selection.between`).
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from via_core.signals import Array, Signals
 from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog
 
+OUTLYING = 3.0  # times the usual size
 RATE = 1000.0  # [Hz] of the steps that approximate a line in a free simulation
 # Standard deviations of the mean delay of commands, in periods of the log, where the motion does not show it. Lines act
 # late by half the period of the controller, any number from 0 to a half. Steps that stand for many commands act late by
@@ -42,9 +45,42 @@ def acting(log: JointLog, time: Array | None = None) -> Signals | None:
         return commands
     if time is None:
         time = np.arange(commands.time[0], commands.time[-1], 1.0 / RATE)
-    middle = time + 0.5 * (time[1] - time[0]) - log.lined
-    channels = {name: along(middle, commands.time, values) for name, values in commands.channels.items()}
+    late = time - log.lined
+    channels = {name: _between(late, commands.time, values) for name, values in commands.channels.items()}
     return Signals(time, channels, commands.units, commands.held)
+
+
+def steps_of(values: Array) -> Array:
+    """Steps (N - 1, ...) between neighbouring values (N, ...), beyond what is usual among them.
+
+    A step is what a difference shares with neither neighbour: nothing on a ramp, almost nothing on a smooth curve, the
+    whole difference where values are constant before and after. Noise has it everywhere and is no step.
+    """
+    change = np.diff(values, axis=0)
+    if len(change) < 2:
+        return np.zeros_like(change)
+    bend = np.abs(np.diff(change, axis=0))  # at the sample between two differences
+    own = np.minimum(np.concatenate((bend[:1], bend)), np.concatenate((bend, bend[-1:])))
+    own = np.nan_to_num(np.minimum(np.abs(change), own))
+    return np.asarray(np.nan_to_num(np.sign(change)) * np.maximum(own - OUTLYING * usual(own), 0.0))
+
+
+def usual(sizes: Array) -> Array:
+    """Root mean square (...,) of sizes (N, ...) >= 0 without the outlying ones."""
+    return np.asarray(np.sqrt(np.mean(np.minimum(sizes, OUTLYING * np.median(sizes, axis=0)) ** 2, axis=0)))
+
+
+def _between(time: Array, known: Array, values: Array) -> Array:
+    """Means (N, ...) over the periods that begin at the even `time` of values at times `known`: lines and steps."""
+    period, steps = time[1] - time[0], steps_of(values)
+    sum_of_steps = np.concatenate((np.zeros_like(values[:1]), np.cumsum(steps, axis=0)))
+    smooth = along(time + 0.5 * period, known, values - sum_of_steps)
+    middle = 0.5 * (known[1:] + known[:-1])
+    knots = np.concatenate((middle, [max(known[-1], time[-1] + period) + period]))
+    passed = np.diff(knots).reshape(-1, *(1,) * (values.ndim - 1))
+    integral = np.concatenate((np.zeros_like(values[:1]), np.cumsum(sum_of_steps[1:] * passed, axis=0)))
+    ends = along(np.append(time, time[-1] + period), knots, integral)
+    return np.asarray(smooth + np.diff(ends, axis=0) / period)
 
 
 def along(time: Array, known: Array, values: Array) -> Array:

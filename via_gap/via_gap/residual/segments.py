@@ -201,10 +201,10 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     weight = read * np.sqrt(read[0].size / np.maximum(np.sum(read, axis=(1, 2), keepdims=True), 1))
     gaps, apart = _command_gaps(log, quality, origin, rate, len(grid))
     density = np.zeros(N_COMMANDS)
-    if columns := _measured(log):
+    if columns := measured_columns(log):
         density[columns] = torque_densities(log, known, ticks / rate)[: len(columns)]
     return Segments(
-        log, rate, origin, ticks, every, averaged, axes, _drive(log, grid), begin, angles, hidden, states, measured,
+        log, rate, origin, ticks, every, averaged, axes, drive_rows(log, grid), begin, angles, hidden, states, measured,
         weight, _rest(log), rests, valid, gaps, apart, density, sample_noise, noise, start_noise,
     )  # fmt: skip
 
@@ -230,7 +230,7 @@ def _command_gaps(
 def lined(segments: Segments, late: float) -> Segments:
     """The same with commands interpolated linearly and delayed by `late` [s] (`via_gap.logs.between`)."""
     log, grid = in_lines(segments.log, late), segments.origin + np.arange(len(segments.commands)) / segments.rate
-    return replace(segments, log=log, commands=_drive(log, grid))
+    return replace(segments, log=log, commands=drive_rows(log, grid))
 
 
 def _inside(begin: Array, span: float, usable: Sequence[tuple[float, float]]) -> Mask:
@@ -327,7 +327,7 @@ def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Mas
     return values, hidden, lost, weights
 
 
-def _drive(log: JointLog, grid: Array) -> Array:
+def drive_rows(log: JointLog, grid: Array) -> Array:
     """Command rows (T, 4): recorded commands; without commands of the motors, the measured torque over each tick."""
     rows = np.zeros((len(grid), N_COMMANDS))
     whole = acting(log, grid)
@@ -335,12 +335,12 @@ def _drive(log: JointLog, grid: Array) -> Array:
         whole = whole.select([name for name in whole.channels if name in BESIDE_MOTORS])
     if whole is not None and len(whole) and whole.channels:
         rows = command_rows(log.device, whole, grid)
-    if columns := _measured(log):
+    if columns := measured_columns(log):
         rows[:, columns] = _torque_after(log, grid)[:, : len(columns)]
     return rows
 
 
-def _measured(log: JointLog) -> list[int]:
+def measured_columns(log: JointLog) -> list[int]:
     """Columns of the commands for which measured torques stand in."""
     if log.device.n_motors:
         return [] if log.motors_commanded else list(range(log.device.n_motors))

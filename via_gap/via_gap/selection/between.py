@@ -2,9 +2,9 @@
 
 The delay is one more unknown beside those of the best model so far; one Gauss-Newton step over device parameters,
 effects and delay estimates it. Interpolation is used if the same effects, fitted again, are then significantly better
-on held-out data, by a relevant amount. Without any effect, interpolation might imitate a part of one, and has to
-explain half of the error. A delay below half a sample cannot be distinguished from a slower controller; it is a note,
-not a cause.
+on held-out data, by a relevant amount, also than with steps that have a dead time of their own. Without any effect,
+interpolation might imitate a part of one, and has to explain half of the error. A delay below half a sample cannot be
+distinguished from a slower controller; it is a note, not a cause.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import solve
 
 from via_gap.candidates.fit import FINISHING, fit_on, member_slopes, members_of, refine
+from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.subset import subset
 from via_gap.logs.between import period_of
@@ -25,6 +26,7 @@ from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.verdict import accepted
 
+DELAY = Location("actuator_delay", "command", 0)
 STEP = 0.05  # of a sample: finite-difference step of the delay
 
 
@@ -40,8 +42,17 @@ def with_interpolation(experiment: Experiment, best: Evaluation, scales: Scales)
     imitated = not best.fit.effects and lines.rms - 1.0 > (1.0 - NUMBERS.remaining) * (best.rms - 1.0)
     if imitated or not accepted(lines, best, best):
         return None
-    steps = _refined(experiment, best, best, scales)
-    return other if accepted(lines, steps, steps) else None
+    steps = [_refined(experiment, best, best, scales), *_delayed(experiment, best, scales)]
+    return other if all(accepted(lines, each, each) for each in steps) else None
+
+
+def _delayed(experiment: Experiment, best: Evaluation, scales: Scales) -> list[Evaluation]:
+    """Evaluation of `best` with a dead time of the commands beside its effects, which lines have as well."""
+    if DELAY in best.fit.locations:
+        return []
+    here = period_of(experiment.fitted.views[0].segments.log)
+    fit = refine(experiment.fitted, best.fit, [*members_of(best.fit), (DELAY, [0.5 * here])], scales, FINISHING)
+    return [] if fit is None else experiment.evaluate([fit])
 
 
 def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales: Scales) -> Evaluation:
