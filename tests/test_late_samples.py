@@ -11,6 +11,7 @@ from via_controllers.contract import Controller, JointSample, Torques
 from via_controllers.joint_axes import JointAxes
 from via_controllers.nodes import controller
 from via_controllers.nodes.single import NODES
+from via_controllers.supervision.arm_supervision import LOST
 from via_controllers.supervision.joint_supervision import JointSupervisor
 from via_controllers.supervision.lateness import DRIFT, LATEST, Lateness
 from via_core.devices import load_device
@@ -70,7 +71,7 @@ def answered(times, known, frozen=False):
             sample = samples[len(stalls)]
             lateness, acts = lateness.step(sample.time + OFFSET, times[len(stalls)])
             state, answer = supervisor.step(state, sample, True, acts or not known)
-            stalls.append(answer.stalled)
+            stalls.append(answer.fault == LOST)
             command = (sample.time, answer.torque)
         torque = command[1] if tick * TICK - command[0] <= LATEST else np.zeros(2)
         body, _, _ = simulator.step(body, [*torque, 0.0, 0.0])
@@ -109,7 +110,7 @@ def test_a_node_judges_lateness_by_stamps_of_its_own_clock(graph, monkeypatch, s
     for tick in range(80):
         clock.now += QUICK
         node._answer(samples.stamped((10**9 if simulated else first) + tick * 10**6))
-    assert node.answered == 80 and node._stalled == stalled
+    assert node.answered == 80 and (LOST in node._faults) == stalled
 
 
 def acting(stamps, times):

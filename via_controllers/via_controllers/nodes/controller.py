@@ -49,7 +49,6 @@ from via_controllers.supervision.lateness import Lateness
 REPORT = 1.0  # [s] between two diagnostics
 SILENCE = 0.02  # [s] without a later stamp after which torque is zero
 STOPPED = "stamps stand still"
-STALLED = "a motor does not follow its torque: its sensor is frozen, or it is blocked"
 LOOK = 0.004  # [s] period of the check for silence
 SAME_CLOCK = 1_000_000_000  # [ns] largest age of a stamp from this machine's clock
 SLOW = f"samples more than {1e3 * GAP:g} ms apart restart the controller: publish /joint_states at 100 Hz or more"
@@ -142,8 +141,9 @@ class ControllerNode(LifecycleNode):
         self._writer = AnswerWriter(self._robot, self.get_name())
         self._decoder, self._reader = JointStateDecoder(), sample_reader(self._robot)
         self._answered = self._unusable = self._reported = self._silences = self._broken = self._stopped = 0
-        self._stalled = False  # since the last report
+        self._faults: dict[str, bool] = {}  # since the last report
         self._gate = Gate(self.get_logger())
+        self._last_report = time.monotonic()  # [s]
         self._limited = self._gaps = 0  # since the last report: bits of Limit, and a number
         self._warned = False  # of the present gaps
         self._time = np.inf  # [s] of the last usable sample
@@ -214,7 +214,8 @@ class ControllerNode(LifecycleNode):
             self._state, answer = self._supervisor.step(self._state, sample, self._active, acts)
         self._publish_command(self._writer.command(stamp, answer.torque))
         self._answered += 1
-        self._stalled |= answer.stalled
+        if answer.fault:
+            self._faults[answer.fault] = True
         if answer.unusable:
             self._unusable += 1
         else:
@@ -247,15 +248,16 @@ class ControllerNode(LifecycleNode):
             return
         malformed, silent = self._broken + self._reader.malformed, self._answered == self._reported
         rivals, peers = rivalry(self, self._robot.command_topic)
-        rate, self._reported = (self._answered - self._reported) / REPORT, self._answered
+        now = time.monotonic()
+        rate = (self._answered - self._reported) / (now - self._last_report)
+        self._reported, self._last_report = self._answered, now
         conditions = {
             "no samples": silent,
             SLOW: self._gaps > 0,
-            "unusable samples": self._unusable > 0,
             "malformed messages": malformed > 0,
             f"refused messages: {self._gate.reason}": self._gate.refused > 0,
             STOPPED: self._stopped > 0,
-            STALLED: self._stalled,
+            **self._faults,
             **rivals,
             "at a limit": self._limited != 0,
         }
@@ -268,7 +270,7 @@ class ControllerNode(LifecycleNode):
         if self._gaps and not self._warned:
             self.get_logger().warning(SLOW)
         self._limited, self._gaps, self._warned = 0, 0, self._gaps > 0
-        self._stopped, self._stalled = 0, False
+        self._stopped, self._faults = 0, {}
         title = f"{self.get_name()}: {'active' if self._active else 'holding still'}"
         report(self, self._reports, [status_of(title, self._robot.name, conditions, values)])
 

@@ -2,8 +2,9 @@
 
     active, usable sample      the controller                        ACTIVE
     inactive, usable sample    the holding controller                HOLDING
-    unusable sample            no torque                             PASSIVE
-    stalled motor              no torque, see `stall`                PASSIVE
+    unusable sample            no torque, see `measured_motion`      PASSIVE
+    motors that do not follow  no torque, see `following`            PASSIVE
+    the controller fails       no torque                             PASSIVE
 
 Limits are enforced in every case. A controller restarts with the first sample after it is selected, after a stamp that
 goes backward, and after a gap, because its state no longer fits the motion. For joints see `joint_supervision`.
@@ -17,16 +18,19 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numba import njit
 from via_core.signals import Array
 
 from via_controllers.contract import ArmController, ArmSample
 from via_controllers.supervision.arm_limits import LIMITS, TORQUE, ArmLimits, Limit
-from via_controllers.supervision.stall import Stall, StallDetection
+from via_controllers.supervision.following import Following, FollowingDetection
+from via_controllers.supervision.measured_motion import MeasuredMotion, fault_of
 
 GAP = 0.02  # [s] between two samples after which a controller restarts
 Change = Callable[[Any], Any]  # of a controller's state
-FURTHEST, FASTEST = 1e2, 1e3  # [rad], [rad/s]: larger values are measurement faults
+LOST = (
+    "a motor does not follow its torque: its sensor is frozen, wrong or reversed, the motor is blocked, or commands "
+    "act too late"
+)
 
 
 class Activity(IntEnum):
@@ -44,8 +48,8 @@ class Answer:
     torque: Array  # (n,) [N m]
     activity: Activity
     limited: Limit
-    stalled: bool = False  # whether a motor does not follow its torque
-    unusable: bool = False  # whether a value is missing or impossible
+    unusable: bool = False  # whether the sample cannot be the arm's motion, or the controller failed on it
+    fault: str = ""  # why there is no torque
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,8 @@ class Supervised:
     inner: Any = None  # state of the controller that ran then
     time: float = -np.inf  # [s] of the last usable sample
     torque: Array | None = None  # (n,) [N m] that acts since then; None: no torque
-    stall: Stall | None = None
+    following: Following | None = None
+    motion: MeasuredMotion | None = None
     active: bool = False
 
 
@@ -67,10 +72,10 @@ class Supervisor:
     controller: ArmController[Any]
     holding: ArmController[Any]
     limits: ArmLimits
-    _stalls: StallDetection = field(init=False, repr=False)
+    _followed: FollowingDetection = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_stalls", StallDetection(self.limits.arm))
+        object.__setattr__(self, "_followed", FollowingDetection(self.limits.arm))
 
     def init(self) -> Supervised:
         """The state before the first sample."""
@@ -78,29 +83,40 @@ class Supervisor:
 
     def step(self, state: Supervised, sample: ArmSample, active: bool, acts: bool = True) -> tuple[Supervised, Answer]:
         """The next state and the torques for `sample`; `acts`: whether they will act, or come too late."""
-        if not _usable(sample.time, sample.q, sample.theta, sample.q_velocity, sample.theta_velocity):
-            return state, replace(self.passive(), unusable=True)
-        stall = self._stall(state, sample, active)
-        if self._stalls.holds(stall):
-            waiting = Supervised(time=sample.time, stall=stall, active=active)
-            return waiting, replace(self.passive(), stalled=True)
+        fault = fault_of(sample, self.limits.arm)
+        if fault:
+            return state, self._without(fault)
+        motion, fault = state.motion.next(sample, GAP) if state.motion else (MeasuredMotion.of(sample), "")
+        following = self._following(state, sample, active)
+        waiting = Supervised(time=sample.time, following=following, motion=motion, active=active)
+        if fault:
+            return waiting, self._without(fault)
+        if self._followed.holds(following):
+            return waiting, replace(self.passive(), fault=LOST)
         deciding, controller = (Activity.ACTIVE, self.controller) if active else (Activity.HOLDING, self.holding)
         continued = state.deciding is deciding and 0.0 <= sample.time - state.time <= GAP
-        inner, out = controller.step(state.inner if continued else controller.init(sample), sample)
+        try:
+            inner, out = controller.step(state.inner if continued else controller.init(sample), sample)
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            return waiting, self._without(f"the controller fails on a sample: {error}")
         torque, changed = self.limits.kept(sample, out.torque)
         if out.saturated:
             changed = LIMITS[changed | TORQUE]
         applied = torque if acts else None
-        return Supervised(deciding, inner, sample.time, applied, stall, active), Answer(torque, deciding, changed)
+        state = replace(waiting, deciding=deciding, inner=inner, torque=applied)
+        return state, Answer(torque, deciding, changed)
 
     def passive(self) -> Answer:
         """No torque."""
         return Answer(np.zeros(self.limits.arm.n), Activity.PASSIVE, Limit.NONE)
 
-    def _stall(self, state: Supervised, sample: ArmSample, active: bool) -> Stall:
-        if state.stall is None or active != state.active:
-            return self._stalls.init(sample)
-        return self._stalls.step(state.stall, sample, state.torque, GAP)
+    def _without(self, fault: str) -> Answer:
+        return replace(self.passive(), unusable=True, fault=fault)
+
+    def _following(self, state: Supervised, sample: ArmSample, active: bool) -> Following:
+        if state.following is None or active != state.active:
+            return self._followed.init(sample)
+        return self._followed.step(state.following, sample, state.torque, GAP)
 
     def updated(self, state: Supervised, change: Change) -> Supervised:
         """`state` with `change` applied to the controller's state; unchanged while the controller is not active."""
@@ -111,13 +127,3 @@ class Supervisor:
         if state.deciding is Activity.ACTIVE:
             return self.controller.observe(state.inner)
         return np.full(len(self.controller.quantities), np.nan)
-
-
-@njit(cache=True, error_model="numpy")
-def _usable(time: float, q: Array, theta: Array, q_velocity: Array, theta_velocity: Array) -> bool:
-    """Whether all values are finite and possible."""
-    usable = np.isfinite(time)
-    for i in range(q.size):
-        usable &= abs(q[i]) <= FURTHEST and abs(theta[i]) <= FURTHEST
-        usable &= abs(q_velocity[i]) <= FASTEST and abs(theta_velocity[i]) <= FASTEST
-    return bool(usable)

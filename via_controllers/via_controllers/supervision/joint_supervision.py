@@ -20,8 +20,9 @@ from via_controllers.contract import ArmController, ArmSample, Controller, Joint
 from via_controllers.joint_axes import JointAxes, OnAxes
 from via_controllers.low_pass import low_passed
 from via_controllers.supervision.arm_limits import ArmLimits
-from via_controllers.supervision.arm_supervision import FURTHEST, GAP, Answer, Change, Supervised, Supervisor
+from via_controllers.supervision.arm_supervision import GAP, Answer, Change, Supervised, Supervisor
 from via_controllers.supervision.hold_joint import HoldJoint
+from via_controllers.supervision.measured_motion import FURTHEST
 
 REACH = 0.98  # deflection limit over the springs' stops: presets are close to the stops
 

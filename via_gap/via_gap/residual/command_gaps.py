@@ -60,7 +60,7 @@ def _lost(segments: Segments) -> tuple[Indices, Array]:
 
 
 def _steps(segments: Segments) -> tuple[Indices, Array]:
-    """Ticks (g, 2) before and after the middle of the interval of each step, and sd (g, N_COMMANDS) of commands there."""
+    """Ticks (g, 2) before and after the middle of each step, and sd (g, N_COMMANDS) of the commands there."""
     log = segments.log
     if log.lined is None or log.commands is None or len(log.commands) < 3:
         return np.empty((0, 2), dtype=np.intp), np.empty((0, segments.commands.shape[1]))
