@@ -240,3 +240,28 @@ def test_a_motor_that_creeps_through_its_friction_is_no_fault():
 
     assert not of_motor_1(noise).impossible
     assert of_motor_1(noise + 0.2).impossible
+
+
+@pytest.mark.parametrize("device", [QBMOVE, CUBIC], ids=lambda each: each.name)
+def test_a_motion_that_has_only_begun_is_no_fault(device):
+    """Both motors leave a rest at one second against each other, so that the link repeats one number."""
+    start, size, w = 1.0, 0.1, 40.0
+    time = np.arange(800) * PERIOD
+    middle = time - 0.5 * PERIOD
+
+    def since(t):
+        return np.maximum(t - start, 0.0)
+
+    theta, torque = [], []
+    for sign, motor, law in zip((1.0, -1.0), device.motors, device.spring_laws, strict=True):
+        base, ago, later = 0.3 * law.max_deflection, since(time), since(middle)
+        angle = sign * (base + size * (1.0 - (1.0 + w * ago) * np.exp(-w * ago)))
+        then = sign * (base + size * (1.0 - (1.0 + w * later) * np.exp(-w * later)))
+        rate = sign * size * w**2 * later * np.exp(-w * later)
+        bend = sign * size * w**2 * (1.0 - w * later) * np.exp(-w * later) * (later > 0.0)
+        theta.append(np.round(angle / 1e-4) * 1e-4)
+        torque.append(motor.inertia * bend + motor.viscous_friction * rate - law.torque(-then))
+    samples = Samples(time, np.zeros(len(time)), np.column_stack(theta), np.column_stack(torque))
+    for end in start + np.arange(0.01, 0.5, 0.01):
+        interval = samples.between(end - 1.0, end)
+        assert not any(each.share(interval).impossible for each in equations_of(device)), f"{end:.2f} s"

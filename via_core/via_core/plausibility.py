@@ -289,8 +289,11 @@ def _compare(
             gram[j + 1, j] -= tie
         bounded_least_squares(gram, used.T @ y, below, above, x)
         x[FIXED + int(rest[3]) :] = x[FIXED]
-    else:  # at rest: springs and friction alone
+    else:  # at rest: springs and friction alone; a few rows of motion show neither inertia nor viscous friction
         x[0], x[FIXED:] = low[0], 1.0
+        rows, wanted, travel, moving = rows[~moving], wanted[~moving], travel[~moving], moving[~moving]
+        if len(wanted) < PARTS:
+            return 0.0, 0.0
     left = wanted - rows @ x
     largest = _largest(rows, wanted, x[0], x[FIXED:])
     free = max(rest[1], x[2] + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
