@@ -101,9 +101,9 @@ def test_a_controller_that_fails_on_a_sample_leaves_the_arm_passive_and_begins_a
 
 def test_velocities_that_do_not_fit_leave_the_arm_passive():
     supervisor = Supervisor(Fails(ValueError()), Fails(ValueError()), ArmLimits(Arm()))
-    state, told = supervisor.init(), []
+    state, faults = supervisor.init(), []
     for tick in range(2000):
         sample = replace(moving(tick * STEP, published=0.0), time=tick * STEP)
         state, answer = supervisor.step(replace(state, inner=0), sample, True)
-        told.append(answer.fault)
-    assert VELOCITIES in told and told[0] == ""
+        faults.append(answer.fault)
+    assert VELOCITIES in faults and faults[0] == ""

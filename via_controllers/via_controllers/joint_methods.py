@@ -131,6 +131,7 @@ class BangBangJointParameters(ControllerParameters):
     threshold: float = parameter(0.1, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6), live=True)
     bandwidth: float = parameter(60.0, "omega_m of the motor control", "rad/s", (1.0, 1e4))
     velocity_bandwidth: float = parameter(500.0, "low pass of the motor velocities", "rad/s", (1e-3, 1e5))
+    start: float = parameter(1.0, "time at rest before a push by the motors; 0: none", "s", (0.0, 1e3), live=True)
 
     def build(self) -> ControlledJoint:
         device = load_device(self.device)

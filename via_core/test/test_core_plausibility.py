@@ -253,14 +253,14 @@ def test_a_motion_that_has_only_begun_is_no_fault(device):
         return np.maximum(t - start, 0.0)
 
     theta, torque = [], []
-    for sign, motor, law in zip((1.0, -1.0), device.motors, device.spring_laws, strict=True):
-        base, ago, later = 0.3 * law.max_deflection, since(time), since(middle)
+    for sign, motor, spring in zip((1.0, -1.0), device.motors, device.spring_laws, strict=True):
+        base, ago, later = 0.3 * spring.max_deflection, since(time), since(middle)
         angle = sign * (base + size * (1.0 - (1.0 + w * ago) * np.exp(-w * ago)))
         then = sign * (base + size * (1.0 - (1.0 + w * later) * np.exp(-w * later)))
         rate = sign * size * w**2 * later * np.exp(-w * later)
         bend = sign * size * w**2 * (1.0 - w * later) * np.exp(-w * later) * (later > 0.0)
         theta.append(np.round(angle / 1e-4) * 1e-4)
-        torque.append(motor.inertia * bend + motor.viscous_friction * rate - law.torque(-then))
+        torque.append(motor.inertia * bend + motor.viscous_friction * rate - spring.torque(-then))
     samples = Samples(time, np.zeros(len(time)), np.column_stack(theta), np.column_stack(torque))
     for end in start + np.arange(0.01, 0.5, 0.01):
         interval = samples.between(end - 1.0, end)

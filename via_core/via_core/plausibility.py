@@ -291,7 +291,8 @@ def _compare(
         x[FIXED + int(rest[3]) :] = x[FIXED]
     else:  # at rest: springs and friction alone; a few rows of motion show neither inertia nor viscous friction
         x[0], x[FIXED:] = low[0], 1.0
-        rows, wanted, travel, moving = rows[~moving], wanted[~moving], travel[~moving], moving[~moving]
+        resting = np.flatnonzero(moving == 0)
+        rows, wanted, travel, moving = rows[resting], wanted[resting], travel[resting], moving[resting]
         if len(wanted) < PARTS:
             return 0.0, 0.0
     left = wanted - rows @ x

@@ -6,7 +6,10 @@
 
 w is constant: it moves the equilibrium and keeps the preset, (1, 1) for an antagonistic joint, (1, 0) for a serial one.
 Motor velocities are not measured: they are derivatives of the angles behind a low pass.
-Source: the document's Section 6.2, after D. Lakatos et al. (its reference [25]).
+
+A joint at rest stays there. Where |tau_z| <= epsilon for a time T, the motors therefore step by w theta_hat and, after
+another T, back, until the link swings.
+Source: the document's Section 6.2, after D. Lakatos et al. (its reference [25]); it has no start.
 """
 
 from __future__ import annotations
@@ -45,6 +48,7 @@ class JointBangBangState:
     velocity: Array  # (m,) [rad/s] low-passed
     torque: float  # tau_z [N m]
     switch: int  # -1, 0 or 1
+    since: float = 0.0  # [s] of the last sample with |tau_z| > epsilon, or of the first one
 
 
 class _Motors(NamedTuple):
@@ -68,11 +72,12 @@ class JointBangBang(Controller[JointBangBangState]):
     threshold: float  # epsilon >= 0 [N m]
     bandwidth: float  # omega_m > 0 [rad/s]
     velocity_bandwidth: float  # > 0 [rad/s]
+    start: float = 0.0  # T >= 0 [s]; 0: the joint waits for a push
     _motors: _Motors = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         axes = JointAxes(self.device)
-        require_not_negative(self, "amplitude", "threshold")
+        require_not_negative(self, "amplitude", "threshold", "start")
         require_positive(self, "bandwidth", "velocity_bandwidth")
         theta_0 = self.device.motor_angles(self.equilibrium, self.preset)
         q_0 = hanging(self.device, theta_0, self.equilibrium)
@@ -97,10 +102,12 @@ class JointBangBang(Controller[JointBangBangState]):
         step = 0.0 if state.theta is None else sample.time - state.time
         velocity = low_passed(state.velocity, before, sample.theta, step, self.velocity_bandwidth)
         torque = float((self._motors.static - self.device.torque_each(sample.q, sample.theta)).sum())
-        switch = int(np.sign(torque)) if abs(torque) > self.threshold else 0
-        after = JointBangBangState(
-            sample.time, locked(sample.theta, "theta"), locked(velocity, "velocity"), torque, switch
-        )
+        swings = abs(torque) > self.threshold
+        since = sample.time if swings or not 0.0 < step <= sample.time - state.since else state.since
+        rests = int((sample.time - since) / self.start) if self.start > 0.0 else 0  # times T
+        switch = int(np.sign(torque)) if swings else rests % 2
+        theta, velocity = locked(sample.theta, "theta"), locked(velocity, "velocity")
+        after = JointBangBangState(sample.time, theta, velocity, torque, switch, since)
         return after, self._torques(sample.theta, velocity, switch)
 
     def _torques(self, theta: Array, velocity: Array, switch: int) -> Torques:

@@ -5,10 +5,12 @@ The motor follows theta_d(t) = theta(0) + integral of v s(t), with s = +-1 of th
     tau = K_D (w_d - thd) - tau_e,    w_d = v s + K_P / K_D (theta_d - theta) within +-v,
     tau_e = tau_e(q - theta) + d (qd - thd)
 
-The last term compensates the load of spring and damper. The motor catches up after a reversal, but never faster than
-v: with K_P = B w^2 and K_D = 2 B w its speed converges like exp(-2 w t), without overshoot as long as 2 w is small
-compared with the sample rate and the low passes. The torque limit reduces the velocity reached, as Figure 21 shows.
-After the horizon the motor holds its final reference. Velocities are derivatives of angles behind low passes.
+The last term compensates the load of spring and damper. The motor catches up after a reversal, but never faster than v:
+with K_P = B w^2 and K_D = 2 B w its speed converges like exp(-2 w t), without overshoot as long as 2 w is small
+compared with the sample rate and the low passes. The times of s are those of a linear spring without gravity and
+without friction of the link; other joints are refused, or slower than they could be (friction). The torque limit
+reduces the velocity reached, as Figure 21 shows. After the horizon the motor holds its final reference. Velocities are
+derivatives of angles behind low passes.
 """
 
 from __future__ import annotations
@@ -26,6 +28,8 @@ from via_core.springs import SpringLaw
 from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require_positive
 from via_controllers.joints.visco_elastic import ViscoElasticJoint
 from via_controllers.low_pass import low_passed
+
+LINEAR = 0.02  # [-] largest relative change of the stiffness of a linear spring
 
 
 @dataclass(frozen=True)
@@ -122,12 +126,19 @@ class MaxVelocity(Controller[MaxVelocityState]):
 
 
 def joint_of(device: Device, damping_command: float = 0.0) -> ViscoElasticJoint:
-    """omega and D of a flexible device at rest; raises ParameterError if it is not flexible."""
+    """omega and D of a flexible device; raises ParameterError if it is not flexible, not linear, or feels gravity."""
     if device.arrangement != "flexible":
         raise ParameterError(
             f"device: max_velocity needs one spring and one motor, '{device.name}' is {device.arrangement}"
         )
-    M, K = device.link.inertia, float(device.spring_laws[0].stiffness(0.0))
+    spring = device.spring_laws[0]
+    M, K, other = device.link.inertia, *(float(spring.stiffness(s * spring.max_deflection)) for s in (0.0, 0.5))
+    if abs(other - K) > LINEAR * K or device.link.gravity_torque != 0.0:
+        raise ParameterError(
+            f"device: max_velocity needs a linear spring and no gravity, whose times of reversal are known; "
+            f"'{device.name}' has a stiffness of {K:.3g} N m/rad at rest and {other:.3g} at half of max_deflection, "
+            f"and a gravity torque of {device.link.gravity_torque:g} N m"
+        )
     parallel = device.damper is not None and device.damper.site == "transmission"
     d = float(device.damping_of(damping_command)) if parallel else 0.0
     return ViscoElasticJoint(sqrt(K / M), d / (2.0 * sqrt(K * M)))

@@ -44,7 +44,7 @@ from via_controllers.nodes.answers import AnswerWriter, limit_names
 from via_controllers.nodes.samples import sample_reader, time_since
 from via_controllers.robot import ControlledArm, ControlledJoint
 from via_controllers.supervision.arm_supervision import GAP, Change
-from via_controllers.supervision.lateness import Lateness
+from via_controllers.supervision.lateness import LATEST, Lateness
 
 REPORT = 1.0  # [s] between two diagnostics
 SILENCE = 0.02  # [s] without a later stamp after which torque is zero
@@ -52,6 +52,10 @@ STOPPED = "stamps stand still"
 LOOK = 0.004  # [s] period of the check for silence
 SAME_CLOCK = 1_000_000_000  # [ns] largest age of a stamp from this machine's clock
 SLOW = f"samples more than {1e3 * GAP:g} ms apart restart the controller: publish /joint_states at 100 Hz or more"
+LATE = (
+    f"torques come more than {1e3 * LATEST:g} ms too late and do not act: lower the rate of the samples, or give the "
+    "controller a core of its own"
+)
 WARM_UP = 3  # steps before the first sample, to load compiled functions
 
 
@@ -144,7 +148,7 @@ class ControllerNode(LifecycleNode):
         self._faults: dict[str, bool] = {}  # since the last report
         self._gate = Gate(self.get_logger())
         self._last_report = time.monotonic()  # [s]
-        self._limited = self._gaps = 0  # since the last report: bits of Limit, and a number
+        self._limited = self._gaps = self._late = 0  # since the last report: bits of Limit, and numbers
         self._warned = False  # of the present gaps
         self._time = np.inf  # [s] of the last usable sample
         self._progress: float | None = None  # [s] steady clock at the last later stamp
@@ -211,6 +215,7 @@ class ControllerNode(LifecycleNode):
             answer = self._supervisor.passive()
         else:
             acts = self._acts(stamp, now)
+            self._late += not acts
             self._state, answer = self._supervisor.step(self._state, sample, self._active, acts)
         self._publish_command(self._writer.command(stamp, answer.torque))
         self._answered += 1
@@ -257,6 +262,7 @@ class ControllerNode(LifecycleNode):
             "malformed messages": malformed > 0,
             f"refused messages: {self._gate.reason}": self._gate.refused > 0,
             STOPPED: self._stopped > 0,
+            LATE: self._late > 0,
             **self._faults,
             **rivals,
             "at a limit": self._limited != 0,
@@ -264,12 +270,12 @@ class ControllerNode(LifecycleNode):
         values = {
             "samples": self._answered, "rate [Hz]": f"{rate:g}", "unusable samples": self._unusable,
             "malformed messages": malformed, "refused messages": self._gate.refused, "gaps": self._gaps,
-            "silences": self._silences, "samples with an old stamp": self._stopped,
+            "late torques": self._late, "silences": self._silences, "samples with an old stamp": self._stopped,
             **peers, "limits": limit_names(self._limited), **self._writer.limits,
         }  # fmt: skip
         if self._gaps and not self._warned:
             self.get_logger().warning(SLOW)
-        self._limited, self._gaps, self._warned = 0, 0, self._gaps > 0
+        self._limited, self._gaps, self._late, self._warned = 0, 0, 0, self._gaps > 0
         self._stopped, self._faults = 0, {}
         title = f"{self.get_name()}: {'active' if self._active else 'holding still'}"
         report(self, self._reports, [status_of(title, self._robot.name, conditions, values)])

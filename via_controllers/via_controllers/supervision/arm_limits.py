@@ -11,6 +11,9 @@ that accelerate, e.g. thrown by a spring at its stop. p is `deflection_share` of
 of the limit: torques are constant between samples, and external loads, which the model's qdd does not include, deflect
 springs further than predicted. Where windows exclude each other, speed overrides deflection, and torque overrides both:
 an impact that accelerates a link beyond the speed of its motor can still exceed the deflection limit.
+
+Torques are constant between samples and may act late. T is therefore at least SLOWEST samples and 1 / k at least as
+many: with a shorter time, samples of 100 Hz or a delay of 4 ms at 250 Hz make the motor swing about its limit.
 Source: exponential control barrier functions (Nguyen and Sreenath, ACC 2016), of relative degree one and two.
 """
 
@@ -28,6 +31,7 @@ from via_core.signals import Array
 from via_controllers.contract import ArmSample, require, require_positive
 
 TORQUE, SPEED, DEFLECTION = 1, 2, 4  # bits of Limit, as constants for the kernel
+SLOWEST = 4.0  # samples
 
 
 class Limit(IntFlag):
@@ -114,12 +118,17 @@ class ArmLimits:
             deflection_limit=self.deflection_share * arm.deflection_limit,
         )
 
-    def kept(self, sample: ArmSample, torque: Array) -> tuple[Array, Limit]:
-        """The torques (n,) [N m] closest to `torque` that respect the limits, and the limits that changed them."""
+    def kept(self, sample: ArmSample, torque: Array, step: float = 0.0) -> tuple[Array, Limit]:
+        """The torques (n,) [N m] closest to `torque` that respect the limits, and the limits that changed them.
+
+        step  [s] between samples; 0: unknown
+        """
         tau_e, acceleration = self.arm.loads(sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
         motion = _Motion(sample.q, sample.q_velocity, acceleration, sample.theta, sample.theta_velocity, tau_e)
         out = np.array(torque, dtype=np.float64)
-        return out, LIMITS[_keep(out, motion, self._motors, self.speed_time, self.deflection_rate)]
+        least = SLOWEST * step  # [s]
+        rate = min(self.deflection_rate, 1.0 / least) if least > 0.0 else self.deflection_rate
+        return out, LIMITS[_keep(out, motion, self._motors, max(self.speed_time, least), rate)]
 
 
 @njit(cache=True, error_model="numpy")

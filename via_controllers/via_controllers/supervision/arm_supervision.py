@@ -99,7 +99,8 @@ class Supervisor:
             inner, out = controller.step(state.inner if continued else controller.init(sample), sample)
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             return waiting, self._without(f"the controller fails on a sample: {error}")
-        torque, changed = self.limits.kept(sample, out.torque)
+        step = sample.time - state.time
+        torque, changed = self.limits.kept(sample, out.torque, step if 0.0 < step <= GAP else 0.0)
         if out.saturated:
             changed = LIMITS[changed | TORQUE]
         applied = torque if acts else None
