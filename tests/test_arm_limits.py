@@ -37,7 +37,7 @@ def test_limits_hold_in_random_courses():
 
 def test_without_limits_a_faulty_controller_bends_springs_to_their_stops():
     class Loose(ArmLimits):
-        def kept(self, sample, torque):
+        def kept(self, sample, torque, step=0.0):
             return np.clip(torque, -ARM.torque_limit, ARM.torque_limit), Limit.NONE
 
     seeds = (2, 5, 8)
@@ -69,6 +69,39 @@ def test_each_limit_is_reported(motion, limit):
         push = -push
     torque, changed = ArmLimits(ARM).kept(sample_of(replace(at_rest(), **motion)), push)
     assert limit in changed and torque[0] * np.sign(push[0]) < abs(push[0])
+
+
+@pytest.mark.parametrize(("period", "delay"), [(4e-3, 4e-3), (5e-3, 5e-3), (1e-2, 0.0)])
+def test_a_motor_settles_at_its_speed_limit_with_slow_and_late_samples(period, delay):
+    """Free motors, of which full torque is wanted all the time; the limit that knows no period is exceeded by half."""
+    count, fine = round(2.0 / period), 1e-4
+    for step, steady in ((period, True), (0.0, False)):
+        limits = ArmLimits(FREE, drive_share=0.9)
+        theta, speed, sent, speeds = np.zeros(1), np.zeros(1), [np.zeros(1)] * 2, []
+        late = round(delay / fine)
+        for tick in range(count):
+            sample = ArmSample(tick * period, theta, speed, theta, speed, np.full(1, np.nan))
+            sent = [sent[1], limits.kept(sample, np.full(1, 5.0), step)[0]]
+            for part in range(round(period / fine)):
+                torque = sent[0] if part < late else sent[1]
+                speed = speed + fine * (torque - FREE.motor_friction * speed) / FREE.motor_inertia
+                theta = theta + fine * speed
+                speeds.append(float(speed[0]))
+        ending = np.array(speeds[len(speeds) // 2 :])
+        assert (np.max(speeds) < 0.95) == steady and (np.max(speeds) > 1.5) != steady
+        assert not steady or ending == pytest.approx(np.full(len(ending), 0.9))
+
+
+class FREE:
+    """A motor without a spring, whose speed limit is 1 rad/s."""
+
+    n = 1
+    motor_inertia, motor_friction, torque_limit = np.full(1, 0.02), np.full(1, 0.05), np.full(1, 30.0)
+    speed_limit, deflection_limit = np.full(1, 1.0), np.full(1, np.inf)
+
+    @staticmethod
+    def loads(q, velocity, theta, motor_velocity):
+        return np.zeros(1), np.zeros(1)
 
 
 def test_torques_that_are_not_finite_leave_motors_passive():
