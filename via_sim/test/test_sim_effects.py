@@ -356,7 +356,9 @@ def test_factor_on_an_unknown_device_number_is_refused():
             "entry 1: backlash.gap: must be 0 to",
         ),
         ("- {effect: backlash, site: transmission, motor: 1, gap: 0.1}", "entry 1: gap: unknown key"),
-        ("- {site: link}", "entry 1: effect: must be a name, got None"),
+        ("- {site: link}", "entry 1: effect: must be actuator_delay, .* or viscous_friction, got None"),
+        ("- {effect: coulomb_friction}", "entry 1: site: must be motor or link, got None"),
+        ("- {effect: none, site: 1}", "entry 1: site: must be a site of the effect, got 1"),
         (
             "- {effect: backlash, site: transmission, motor: one, parameters: {gap: 0.1}}",
             "motor: must be 1, 2 or 0 .both., got 'one'",

@@ -76,7 +76,7 @@ def _effect(entry: object, where: str) -> Effect:
             raise ParameterError(f"{where}: {key}: unknown key; choose from {', '.join(KEYS)}")
     for key in ("effect", "site"):
         if not isinstance(entry.get(key), str):
-            raise ParameterError(f"{where}: {key}: must be a name, got {entry.get(key)!r}")
+            raise ParameterError(f"{where}: {key}: must be {_choices(key, entry)}, got {entry.get(key)!r}")
     if entry["effect"] in EFFECTS and entry["site"] in PAIRED and "motor" not in entry:
         raise ParameterError(f"{where}: motor: is missing at site '{entry['site']}', must be 1, 2 or 0 (both)")
     parameters = entry.get("parameters", {})
@@ -87,6 +87,13 @@ def _effect(entry: object, where: str) -> Effect:
         return Effect(entry["effect"], entry["site"], numbers, entry.get("motor", 0), entry.get("joint", "") or "")
     except ParameterError as error:
         raise ParameterError(f"{where}: {error}") from None
+
+
+def _choices(key: str, entry: dict[str, Any]) -> str:
+    """What the effect or site of an entry may be."""
+    kind = EFFECTS.get(str(entry.get("effect")))
+    names = sorted(EFFECTS) if key == "effect" else kind.sites if kind else ["a site of the effect"]
+    return " or ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _number(value: object) -> Any:
