@@ -62,6 +62,10 @@ def swung(time: float, _read: np.ndarray) -> np.ndarray:
     return 3.0 * np.sin(2.0 * np.pi * np.array([1.0, 1.3]) * time)
 
 
+def switched(time: float, _read: np.ndarray) -> np.ndarray:
+    return 3.0 * np.sign(np.sin(2.0 * np.pi * np.array([1.0, 1.3]) * time + 0.1))
+
+
 def held(_time: float, read: np.ndarray) -> np.ndarray:
     """A servo that returns to zero, with the sign that the encoder should have."""
     return np.clip(-20.0 * (read - 0.1), -6.0, 6.0)
@@ -89,12 +93,15 @@ def test_a_wrong_encoder_lets_torque_through_ever_more_rarely(measured, force):
 
 @pytest.mark.parametrize(
     "case",
-    [{}, {"share": 0.75}, {"share": 1.3}, {"delay": 5}, {"every": 4, "delay": 2}, {"every": 10}],
-    ids=["exact", "light", "heavy", "delayed", "slow", "slowest"],
-)
+    [
+        {}, {"share": 0.75}, {"share": 1.3}, {"delay": 5}, {"delay": 5, "force": switched}, {"every": 4, "delay": 2},
+        {"every": 10},
+    ],
+    ids=["exact", "light", "heavy", "delayed", "switched", "slow", "slowest"],
+)  # fmt: skip
 def test_motors_that_follow_are_never_stopped(case):
     """An encoder of 14 bit, inertia a quarter off, a delay of 5 ms, samples of 250 and 100 Hz."""
-    count = len(driven(lambda theta, _: np.round(theta / 3.8e-4) * 3.8e-4, 8.0, swung, **case))
+    count = len(driven(lambda theta, _: np.round(theta / 3.8e-4) * 3.8e-4, 8.0, **{"force": swung} | case))
     assert count == round(8.0 / STEP / case.get("every", 1))
 
 
