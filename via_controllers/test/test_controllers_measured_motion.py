@@ -55,12 +55,12 @@ def moving(time, speed=2.0, published=1.0):
     return ArmSample(time, q, velocity, q.copy(), velocity.copy(), np.full(2, np.nan))
 
 
-def first_fault(published=1.0, delay=0.0, seconds=20.0, every=1):
+def first_fault(published=1.0, delay=0.0, bias=0.0, seconds=20.0, every=1):
     """Time [s] of the first fault of velocities, or None."""
     motion = MeasuredMotion.of(moving(0.0))
     for tick in range(every, round(seconds / STEP), every):
         now, late = moving(tick * STEP), moving(tick * STEP - delay, published=published)
-        sample = replace(now, q_velocity=late.q_velocity, theta_velocity=late.theta_velocity)
+        sample = replace(now, q_velocity=late.q_velocity + bias, theta_velocity=late.theta_velocity + bias)
         motion, fault = motion.next(sample, GAP)
         if fault:
             assert fault == VELOCITIES
@@ -75,8 +75,9 @@ def test_velocities_that_do_not_fit_are_found_within_a_period(published):
 
 
 @pytest.mark.parametrize("every", [1, 10])
-def test_filtered_and_scaled_velocities_are_no_fault(every):
+def test_filtered_scaled_and_biased_velocities_are_no_fault(every):
     assert first_fault(1.1, delay=0.02, every=every) is None
+    assert first_fault(bias=0.3, every=every) is None
 
 
 def test_a_deflection_beyond_twice_the_stop_is_impossible():
