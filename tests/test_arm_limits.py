@@ -92,6 +92,31 @@ def test_a_motor_settles_at_its_speed_limit_with_slow_and_late_samples(period, d
         assert not steady or ending == pytest.approx(np.full(len(ending), 0.9))
 
 
+def test_the_supervisor_knows_the_period_of_the_samples():
+    class Push(ArmController[None]):
+        quantities = ()
+
+        def init(self, sample):
+            return None
+
+        def observe(self, state):
+            return np.empty(0)
+
+        def step(self, state, sample):
+            return None, Torques(np.full(1, 5.0), False)
+
+    supervisor = Supervisor(Push(), Push(), ArmLimits(FREE, drive_share=0.9))
+    state, theta, speed, speeds = supervisor.init(), np.zeros(1), np.zeros(1), []
+    for tick in range(200):
+        sample = ArmSample(1e-2 * tick, theta, speed, theta, speed, np.full(1, np.nan))
+        state, answer = supervisor.step(state, sample, True)
+        for _ in range(100):
+            speed = speed + 1e-4 * (answer.torque - FREE.motor_friction * speed) / FREE.motor_inertia
+            theta = theta + 1e-4 * speed
+        speeds.append(float(speed[0]))
+    assert np.max(speeds[100:]) < 0.91 and np.min(speeds[100:]) > 0.89
+
+
 class FREE:
     """A motor without a spring, whose speed limit is 1 rad/s."""
 
