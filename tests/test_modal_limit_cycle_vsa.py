@@ -8,6 +8,9 @@ from via_bringup.demo.reference import ARM, LEVEL
 from via_bringup.demo.reference import EQUILIBRIUM as REST
 from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.contract import ArmSample
+from via_controllers.supervision.arm_limits import ArmLimits
+from via_controllers.supervision.arm_supervision import Supervisor
+from via_controllers.supervision.hold_still import HoldStill
 from via_core.errors import ParameterError
 from via_sim.robots.arm import ArmState, arm_step
 from via_sim.robots.contacts import Hand
@@ -152,3 +155,22 @@ def test_observed_quantities_have_names():
 def test_invalid_parameters_are_refused(change):
     with pytest.raises(ParameterError):
         replace(limit_cycle_controller(0), **change)
+
+
+@pytest.mark.parametrize(
+    ("mode", "shift"),
+    [(1, (0.8, -0.8, 0.8, -0.8)), (1, (-0.5, -0.5, -0.5, -0.5)), (0, (-0.5, -0.5, -0.5, -0.5))],
+    ids=str,
+)
+def test_the_cycle_is_reached_from_a_rest_far_from_it(mode, shift):
+    """Without the case far from the cycle, these starts end in a swing at the limits, or converge seconds later."""
+    controller = limit_cycle_controller(mode)
+    supervisor = Supervisor(controller, HoldStill(ARM), ArmLimits(ARM))
+    q = REST + np.array(shift)
+    body, state, levels = ArmState(q, STILL, ARM.rest(q), STILL), supervisor.init(), []
+    for tick in range(9000):
+        sample = replace(sample_of(body), time=tick * PERIOD)
+        state, answer = supervisor.step(state, sample, True)
+        levels.append(supervisor.observe(state)[0] / LEVEL)
+        body = arm_step(ARM, body, answer.torque, PERIOD, substeps=2)
+    assert np.array(levels[-1000:]) == pytest.approx(np.ones(1000), abs=0.02)

@@ -5,7 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from via_controllers.arms.modal_limit_cycle import ModalLimitCycle, orbit_input
+from via_controllers.arms.modal_limit_cycle import (
+    CRITICAL,
+    STRENGTH,
+    ModalLimitCycle,
+    _returned,
+    orbit_input,
+)
 from via_controllers.arms.modal_transform import first_basis, next_basis
 from via_core.errors import ParameterError
 from via_core.vsa_arms import load_vsa_arm
@@ -146,3 +152,34 @@ def test_invalid_parameters_are_refused(change):
 
 def test_a_soft_stiffness_is_accepted():
     assert np.array_equal(replace(cycle(0), stiffness=0.01 * K).stiffness, 0.01 * K)
+
+
+@pytest.mark.parametrize(("factor", "critical"), [(1.02, True), (0.98, False)])
+def test_far_above_its_level_the_mode_is_damped_critically(factor, critical):
+    """Hd by differences along the desired motion, on both sides of k_V (H - H_d) sqrt(lambda) = 2, at z = 0."""
+    controller, step = cycle(0), 1e-5
+    near = controller.init(REST)
+    value = near.eigenvalues[0]
+    level = LEVEL + factor * CRITICAL / (GAIN * np.sqrt(value))
+    velocity = near.W[:, 0] * np.sqrt(2.0 * value * level)
+    now = controller.at(near, REST, velocity)
+    there = [
+        controller.at(near, REST + s * velocity + 0.5 * s * s * now.acceleration, velocity + s * now.acceleration).H
+        for s in (-step, step)
+    ]
+    square, rate = now.z_velocity[0] ** 2, now.eigenvalue_rates[0]
+    wanted = -GAIN * (level - LEVEL) * square
+    if critical:
+        wanted = -CRITICAL * square / np.sqrt(value) - square * rate / (2.0 * value**2)
+    assert pytest.approx(level, rel=1e-9) == now.H
+    assert (there[1] - there[0]) / (2.0 * step) == pytest.approx(wanted, rel=1e-4)
+
+
+def test_links_return_within_the_strength_of_their_springs():
+    controller = cycle(0)
+    strength = controller._strength
+    held = [float(np.abs(spring.torque_at(STRENGTH * spring.max_deflection))) for spring in ARM.springs]
+    assert strength == pytest.approx(held)
+    for distance, wanted in ((0.9, 1.0), (1.0, 1.0), (2.0, 0.5), (10.0, 0.1)):
+        q = REST + distance * np.array([0.0, 0.0, -strength[2] / K[2, 2], 0.5 * strength[3] / K[3, 3]])
+        assert _returned(K, REST, q, strength) == pytest.approx(wanted)

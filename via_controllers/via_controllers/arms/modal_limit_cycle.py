@@ -18,7 +18,12 @@ while H is well below H_d. The time to converge without it follows from (103): z
 so that with h = H / H_d
 
     hd = k_V lambda_k H_d h (1 - h),   1 / h(t) - 1 = (1 / h(0) - 1) exp(-k_V lambda_k H_d t)
-Source: the document's Section 6.1; it has no `self_start`.
+
+**Far from the cycle**, after a fall or a throw, motors cannot give these torques, and the arm would swing at their
+limits for good. Where k_V (H - H_d) sqrt(lambda_k) exceeds 2, mode k is damped critically, u_k = -2 sqrt(lambda_k)
+zd_k; and lambda_i z_i is multiplied by the largest r <= 1 with |r K_d (q - q_d)| within STRENGTH of what the springs
+hold.
+Source: the document's Section 6.1; it has neither `self_start` nor the case far from the cycle.
 """
 
 from __future__ import annotations
@@ -63,6 +68,10 @@ class ModalMotion(NamedTuple):
     push: float  # s [sqrt(kg m^2) rad]
 
 
+CRITICAL = 2.0  # damping over sqrt(lambda) that is critical
+STRENGTH = 0.5  # of the stops of the springs
+
+
 @dataclass(frozen=True, eq=False)
 class ModalLimitCycle:
     """The controller. Raises ParameterError for values outside the stated ranges."""
@@ -94,6 +103,12 @@ class ModalLimitCycle:
         """A [sqrt(kg m^2) rad] of z_k on the cycle."""
         return sqrt(2.0 * self.level)
 
+    @cached_property
+    def _strength(self) -> Array:
+        """(n,) [N m] of the springs at STRENGTH of their stops."""
+        reach = STRENGTH * np.minimum(self.arm.deflection_limit, 1.0)
+        return np.minimum(*(np.abs(self.arm.spring_state(side * reach)[0]) for side in (-1.0, 1.0)))
+
     def init(self, q: Array) -> ModalBasis:
         """The basis at `q` (n,) [rad], with modes in the order of the equilibrium."""
         distance = q - self.equilibrium
@@ -112,13 +127,16 @@ class ModalLimitCycle:
         modal = _modal(near.W, *arm.inertia_terms(q, velocity), self.stiffness, self.equilibrium, q, velocity)
         value, z, speed = float(modal.values[k]), float(modal.z[k]), float(modal.zd[k])
         H = 0.5 * (speed**2 / value + z**2)
-        u = orbit_input(value, float(modal.rates[k]), self.gain * (H - self.level), speed)
+        pull = self.gain * (H - self.level)
+        far = pull * sqrt(value) > CRITICAL
+        u = -CRITICAL * sqrt(value) * speed if far else orbit_input(value, float(modal.rates[k]), pull, speed)
         A, w = self.amplitude, sqrt(value)
         s = A * self_start.push(self.start, direction, H / self.level)
         if s != 0.0:
             u += value * s
         turning = self_start.turning(self.start, direction, z / A, speed / (w * A), w)
-        acceleration = _accelerated(modal, k, self.damping_ratio, u)
+        returned = _returned(self.stiffness, self.equilibrium, q, self._strength)
+        acceleration = _accelerated(modal, k, self.damping_ratio, u, returned)
         torque = arm.link_torque(q, velocity, acceleration)
         V = 0.5 * (H - self.level) ** 2
         return ModalMotion(
@@ -165,8 +183,20 @@ def _modal(near: Array, terms: Array, h: float, K: Array, equilibrium: Array, q:
 
 
 @njit(cache=True, error_model="numpy")
-def _accelerated(modal: _Modal, k: int, damping_ratio: float, u: float) -> Array:
-    """qdd (n,) that results in (93) and, with u_k = u, in (99)."""
-    zdd = -2.0 * damping_ratio * np.sqrt(modal.values) * modal.zd - modal.values * modal.z
-    zdd[k] = u - modal.values[k] * modal.z[k]
+def _returned(K: Array, equilibrium: Array, q: Array, strength: Array) -> float:
+    """Share r of the torques that return the links to their equilibrium."""
+    share = 1.0
+    for i in range(len(q)):
+        wanted = 0.0
+        for j in range(len(q)):
+            wanted += K[i, j] * (q[j] - equilibrium[j])
+        share = min(share, strength[i] / max(abs(wanted), strength[i]))
+    return share
+
+
+@njit(cache=True, error_model="numpy")
+def _accelerated(modal: _Modal, k: int, damping_ratio: float, u: float, returned: float) -> Array:
+    """qdd (n,) that results in (93) and, with u_k = u, in (99); `returned` as of `_returned`."""
+    zdd = -2.0 * damping_ratio * np.sqrt(modal.values) * modal.zd - returned * modal.values * modal.z
+    zdd[k] = u - returned * modal.values[k] * modal.z[k]
     return np.linalg.solve(modal.loop, modal.drift + modal.W @ zdd)  # type: ignore[return-value]
