@@ -28,7 +28,7 @@ Source: the document's Section 6.1; it has neither `self_start` nor the case far
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
 from typing import NamedTuple
@@ -84,6 +84,7 @@ class ModalLimitCycle:
     gain: float  # k_V > 0 [s/(kg m^2)]
     level: float  # H_d > 0 [kg m^2]: half the squared amplitude of z_k
     start: float = self_start.START  # a of `self_start`, 0 to 1 [-]; 0: the arm stays at rest at z = 0
+    _strength: Array = field(init=False, repr=False)  # (n,) [N m] of the springs at STRENGTH of their stops
 
     def __post_init__(self) -> None:
         n = self.arm.n
@@ -97,17 +98,14 @@ class ModalLimitCycle:
         require(0 <= self.mode < n, f"mode must be 0 to {n - 1}, got {self.mode}")
         require_positive(self, "damping_ratio", "gain", "level")
         require(0.0 <= self.start <= 1.0, f"start must lie in 0 to 1, got {self.start}")
+        reach = STRENGTH * np.minimum(self.arm.deflection_limit, 1.0)
+        torques = [np.abs(self.arm.spring_state(side * reach)[0]) for side in (-1.0, 1.0)]
+        object.__setattr__(self, "_strength", locked(np.minimum(*torques), "strength"))
 
     @cached_property
     def amplitude(self) -> float:
         """A [sqrt(kg m^2) rad] of z_k on the cycle."""
         return sqrt(2.0 * self.level)
-
-    @cached_property
-    def _strength(self) -> Array:
-        """(n,) [N m] of the springs at STRENGTH of their stops."""
-        reach = STRENGTH * np.minimum(self.arm.deflection_limit, 1.0)
-        return np.minimum(*(np.abs(self.arm.spring_state(side * reach)[0]) for side in (-1.0, 1.0)))
 
     def init(self, q: Array) -> ModalBasis:
         """The basis at `q` (n,) [rad], with modes in the order of the equilibrium."""
