@@ -2,7 +2,6 @@
 
 import numpy as np
 from gap_logs import log_of, rigid
-from test_gap_between import jumping
 from via_core.devices import load_device
 from via_core.signals import Signals
 from via_gap.candidates.screen import ranked
@@ -62,15 +61,3 @@ def test_small_effects_are_sought_although_less_than_one_standard_deviation_is_l
     report = diagnose([log_of(rigid(), planted, seed=3, duration=10.0)], rigid())
     assert report.gap.after < np.sqrt(2.0) * report.gap.floor and len(report.effects) == 1
     assert any(len(trial.effects) == 2 for trial in report.figures.trials)
-
-
-def test_a_cause_of_which_too_much_is_predicted_is_fitted():
-    """A lag resembles a late command; one step from its predicted amount leaves it behind nine small effects."""
-    device = load_device("xl330_kp800")
-    late = Effect("actuator_delay", "command", {"delay": 0.015})
-    recordings = Recordings.of([jumping(device, late, seed, True) for seed in (1, 2)], None, device)
-    experiment = Experiment.of(recordings.fitted, recordings.held_out, None, False).in_lines(0.0)
-    candidates = candidates_of(experiment)
-    search = Search.of(experiment.fitted, experiment.evaluate, lambda _each: True, experiment.tuned, candidates)
-    order = sorted(search._joined(experiment.tuned.fit), key=lambda each: each.loss)
-    assert [each.locations[0].name for each in order[:2]] == ["actuator_delay", "actuator_lag"]

@@ -40,7 +40,6 @@ FITTED_NEXT = 4  # beside other effects
 FITTED_WHOLE = 7  # for runs over whole recordings, where the evaluation of a fit needs several more fits
 PAIRS = 4  # best pairs that are fitted
 RACED = 3  # times as many candidates beside other effects, and pairs, take a first step
-PREDICTED = 2  # of them whose prediction is best
 FIRST = Budget(rounds=1)
 NEAR = 30.0  # times the best loss after the first step: candidates beyond it are not fitted
 CLOSE = 2.0  # times the best loss on the subset: fits below it are fitted to all segments
@@ -149,14 +148,11 @@ class Search:
         """Fits on the subset of the best `most` of some candidates, after one step of each from `base`.
 
         Far from a model that explains the motion, a linear prediction ranks them wrongly; one step shows by how much.
-        One step from a predicted amount that is too large ranks others wrongly: the `PREDICTED` first are fitted too.
         """
         first = [refine(self.few, base, each, self.scales, FIRST, jacobian) for each in candidates]
         order = sorted((each for each in first if each is not None), key=lambda each: each.loss)
-        best = order[:most]
-        best += [each for each in first[:PREDICTED] if each is not None and not any(each is other for other in best)]
         fits: list[Fit] = []
-        for number, each in enumerate(best):
+        for number, each in enumerate(order[:most]):
             if number > 2 and each.loss > NEAR * max(order[0].loss, 1.0 * self.few.size):
                 break
             found = refine(self.few, each, members_of(each), self.scales, Budget(rival=rival))
