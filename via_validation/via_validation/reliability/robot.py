@@ -1,4 +1,4 @@
-"""The peer plays the robot: it sends samples of a joint that moves, and checks the torques that answer them."""
+"""The peer plays the robot: it simulates a joint under the torques that answer its samples, and checks them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from via_core.devices import load_device
 from via_core.signals import Array
 from via_interfaces.msg import VsaCommand
 from via_ros.conversions import set_stamp
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import Simulator
 
 from via_validation.reliability.fault import expect
 from via_validation.reliability.graph import Graph
@@ -36,15 +39,22 @@ class Robot:
         graph.connected(self.samples)
         graph.until(lambda: graph.peer.count_publishers(DEVICE.command_topic) == 1, "a publisher of commands")
         self.tick = 0
+        self._joint = Simulator(JointPlant.from_device(DEVICE), 1e9 / PERIOD, Sensors.of_device(DEVICE))
+        self._body = self._joint.init((0.0, 0.3, -0.3, 0.0, 0.0, 0.0))
 
     def message(self) -> JointState:
         """The next sample."""
         self.tick += 1
-        time = 1e-9 * PERIOD * self.tick
-        link, first, second = (a * float(np.sin(b * time)) for a, b in ((0.1, 3.0), (0.2, 5.0), (-0.2, 4.0)))
-        message = JointState(name=NAMES, position=[link, 0.3 + first, -0.3 + second], effort=[np.nan, 0.0, 0.0])
+        torque = np.array(self.commands[-1].motor) if self.commands else np.zeros(2)
+        self._body, measured, _ = self._joint.step(self._body, [*self._bounded(torque), 0.0, 0.0])
+        message = JointState(name=NAMES, position=measured[:3].tolist(), effort=[np.nan, 0.0, 0.0])
         set_stamp(message.header.stamp, FIRST + self.tick * PERIOD)
         return message
+
+    @staticmethod
+    def _bounded(torque: Array) -> Array:
+        """What a motor makes of torques that `checked` would refuse."""
+        return np.clip(np.nan_to_num(torque), -LIMIT, LIMIT) if torque.shape == (2,) else np.zeros(2)
 
     def send(self, change: Change | None = None) -> None:
         """Send the next sample, changed."""
