@@ -52,16 +52,11 @@ def compare_models(experiment: Experiment, candidates: CandidateSet, progress: P
             experiment, candidates = lines, candidates_of(lines)
     if noise_only(experiment.tuned):
         return ModelComparison(experiment, candidates, [])
-    found: list[Experiment] = []
-
-    def lines_accepted(best: Evaluation) -> bool:
-        other = with_interpolation(experiment, best, candidates.scales)
-        found.extend([other] if other is not None else [])
-        return bool(found)
-
-    models = _searched(experiment, candidates, progress, lines_accepted)
-    if found:  # decided once: interpolation that helps one effect a little may harm another
-        experiment, candidates = found[0], candidates_of(found[0])
+    models = _searched(experiment, candidates, progress)
+    best = min(models, key=lambda each: each.score, default=experiment.tuned)
+    lines = with_interpolation(experiment, best, candidates.scales) if models else None
+    if lines is not None:  # decided once: interpolation that helps one effect a little may harm another
+        experiment, candidates = lines, candidates_of(lines)
         models = [] if noise_only(experiment.tuned) else _searched(experiment, candidates, progress)
     if experiment.lopsided(models):
         experiment = experiment.around(())
@@ -81,16 +76,15 @@ def compare_models(experiment: Experiment, candidates: CandidateSet, progress: P
 
 
 def _searched(
-    experiment: Experiment, candidates: CandidateSet, progress: Progress,
-    enough: Callable[[Evaluation], bool] = lambda _best: False,
+    experiment: Experiment, candidates: CandidateSet, progress: Progress
 ) -> list[Evaluation]:  # fmt: skip
-    """Every model of one search; it stops early if the best model of a size is `enough`."""
+    """Every model of one search."""
     evaluate = experiment.evaluate
     folds = experiment.folds
     if folds is not None:
         evaluate = lambda fits: folds.evaluate(fits, candidates.scales)  # noqa: E731
     search = Search.of(experiment.fitted, evaluate, _supported(experiment, candidates), experiment.tuned, candidates)
-    return search.run(progress, enough)
+    return search.run(progress)
 
 
 def _supported(experiment: Experiment, candidates: CandidateSet) -> Callable[[Evaluation], bool]:

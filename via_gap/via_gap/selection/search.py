@@ -82,8 +82,8 @@ class Search:
         """Typical sizes in these logs."""
         return self.candidates.scales
 
-    def run(self, progress: Progress, enough: Callable[[Evaluation], bool]) -> list[Evaluation]:
-        """Every model evaluated, of any size; the search ends if the best model of a size is `enough`."""
+    def run(self, progress: Progress) -> list[Evaluation]:
+        """Every model evaluated, of any size."""
         models: dict[frozenset[Location], Evaluation] = {}
         current = self.tuned
         while len(current.fit.effects) < MOST and improvable(current, self.tuned):
@@ -92,7 +92,7 @@ class Search:
             here = self if size == 0 else self._beside(current.fit)
             found = self._evaluated(here._finished(here._extended(current.fit)), models)
             step = simplest(found) if found else current
-            if not relevant(step, current, self.tuned) or enough(step):
+            if not relevant(step, current, self.tuned):
                 break
             if size:
                 self._evaluated(here._reduced(step.fit), models)
