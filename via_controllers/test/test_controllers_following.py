@@ -120,7 +120,10 @@ def test_an_encoder_that_freezes_in_motion_shows_it_by_a_torque_that_friction_co
 def test_a_motor_that_sticks_in_its_friction_is_no_frozen_encoder():
     """It slows down to a rest, and repeats one number under a small torque from then on."""
     torque = 0.5 * FRICTION * AXES.torque_limit
-    slows = lambda _theta, tick: np.round(0.3 * (1.0 - np.exp(-tick / 200.0)) * np.ones(2) / 1e-4) * 1e-4  # noqa: E731
+
+    def slows(_theta: np.ndarray, tick: int) -> np.ndarray:
+        return np.full(2, round(0.3 * (1.0 - np.exp(-tick / 200.0)) / 1e-4) * 1e-4)
+
     assert len(driven(slows, 4.0, lambda _time, _read: torque)) == 4000
 
 

@@ -258,6 +258,11 @@ class VsaArm:
         _springs(self._kinds, self._rows, self.spring_scale, deflection, self.presets, out)
         return out[0], out[1], out[2]
 
+    def spring_strength(self, share: float) -> Array:
+        """Torques (n,) [N m] that springs hold to either side at a `share` of their stops, at most at a radian."""
+        reach = np.minimum(share * self.deflection_limit, 1.0)
+        return np.minimum(*(np.abs(self.spring_state(side * reach)[0]) for side in (-1.0, 1.0)))
+
     def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
         """Spring torques tau_e [N m] and the link accelerations qdd [rad/s^2] under them, (n,) each."""
         tau_e, _, _ = self.spring_state(q - theta)

@@ -50,6 +50,8 @@ from via_controllers.arms.modal_transform import (
 from via_controllers.contract import require, require_positive
 
 WALK = 0.02  # [rad] step between configurations along which modes are tracked
+CRITICAL = 2.0  # damping over sqrt(lambda) that is critical
+STRENGTH = 0.5  # of the stops of the springs; the other half is for gravity and motion
 
 
 class ModalMotion(NamedTuple):
@@ -66,10 +68,6 @@ class ModalMotion(NamedTuple):
     direction: float  # p of `self_start` [-]
     turning: float  # pd [1/s]
     push: float  # s [sqrt(kg m^2) rad]
-
-
-CRITICAL = 2.0  # damping over sqrt(lambda) that is critical
-STRENGTH = 0.5  # of the stops of the springs
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +96,7 @@ class ModalLimitCycle:
         require(0 <= self.mode < n, f"mode must be 0 to {n - 1}, got {self.mode}")
         require_positive(self, "damping_ratio", "gain", "level")
         require(0.0 <= self.start <= 1.0, f"start must lie in 0 to 1, got {self.start}")
-        reach = STRENGTH * np.minimum(self.arm.deflection_limit, 1.0)
-        torques = [np.abs(self.arm.spring_state(side * reach)[0]) for side in (-1.0, 1.0)]
-        object.__setattr__(self, "_strength", locked(np.minimum(*torques), "strength"))
+        object.__setattr__(self, "_strength", locked(self.arm.spring_strength(STRENGTH), "strength"))
 
     @cached_property
     def amplitude(self) -> float:

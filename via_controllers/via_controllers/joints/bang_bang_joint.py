@@ -103,7 +103,7 @@ class JointBangBang(Controller[JointBangBangState]):
         velocity = low_passed(state.velocity, before, sample.theta, step, self.velocity_bandwidth)
         torque = float((self._motors.static - self.device.torque_each(sample.q, sample.theta)).sum())
         swings = abs(torque) > self.threshold
-        since = sample.time if swings or not 0.0 < step <= sample.time - state.since else state.since
+        since = state.since if step > 0.0 and not swings else sample.time
         rests = int((sample.time - since) / self.start) if self.start > 0.0 else 0  # times T
         switch = int(np.sign(torque)) if swings else rests % 2
         theta, velocity = locked(sample.theta, "theta"), locked(velocity, "velocity")

@@ -254,7 +254,7 @@ class ControllerNode(LifecycleNode):
         malformed, silent = self._broken + self._reader.malformed, self._answered == self._reported
         rivals, peers = rivalry(self, self._robot.command_topic)
         now = time.monotonic()
-        rate = (self._answered - self._reported) / (now - self._last_report)
+        rate = (self._answered - self._reported) / max(now - self._last_report, LOOK)
         self._reported, self._last_report = self._answered, now
         conditions = {
             "no samples": silent,

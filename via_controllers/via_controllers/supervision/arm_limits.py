@@ -12,8 +12,9 @@ of the limit: torques are constant between samples, and external loads, which th
 springs further than predicted. Where windows exclude each other, speed overrides deflection, and torque overrides both:
 an impact that accelerates a link beyond the speed of its motor can still exceed the deflection limit.
 
-Torques are constant between samples and may act late. T is therefore at least SLOWEST samples and 1 / k at least as
-many: with a shorter time, samples of 100 Hz or a delay of 4 ms at 250 Hz make the motor swing about its limit.
+Torques are constant between samples and may act a sample late. The distance x from the speed limit then obeys
+x(n+1) = x(n) - (step / T) x(n-1), which does not swing if T is at least four samples. T is therefore at least SLOWEST
+samples, and 1 / k as well.
 Source: exponential control barrier functions (Nguyen and Sreenath, ACC 2016), of relative degree one and two.
 """
 

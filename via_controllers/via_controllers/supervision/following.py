@@ -27,13 +27,13 @@ from via_core.signals import Array
 from via_controllers.contract import ArmSample
 from via_controllers.supervision.arm_limits import LimitedArm
 
-APART = 0.05  # [rad]
+APART = 0.05  # [rad]: nearly twice what a switch between the torque limits of qbmove_a leaves that acts 5 ms late
 FRICTION = 0.1  # [-] dry friction over the torque limit
 ERROR = 0.2  # [-] error of the torques of motor and spring
 REST = 1.0  # [s], the first one
 LONGEST_REST = 64.0  # [s]
-FROZEN = 0.02  # [s] for which angles repeat bit by bit
-RESOLVED = 3.0  # times the smallest change of an angle
+FROZEN = 0.02  # [s] for which angles repeat bit by bit, longer than slow drivers repeat a sample
+RESOLVED = 3.0  # times the smallest change of an angle: slow motion changes it by one or two encoder steps
 AHEAD, SPEED, FINEST, PACE = range(4)  # rows of `Following.motion`
 
 

@@ -33,8 +33,7 @@ class HoldStill(Holding):
 
     def init(self, sample: ArmSample) -> Held:
         arm = self.arm
-        reach = np.minimum(REACH * arm.deflection_limit, 1.0)
-        most = np.minimum(np.abs(arm.spring_state(reach)[0]), np.abs(arm.spring_state(-reach)[0]))
+        most = arm.spring_strength(REACH)
         torque = np.clip(arm.gravity(sample.q), -most, most)
         phi = arm.deflection(-torque)
         _, stiffness, _ = arm.spring_state(phi)

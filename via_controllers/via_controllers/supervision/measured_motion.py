@@ -20,8 +20,8 @@ from via_controllers.contract import ArmSample
 from via_controllers.supervision.arm_limits import LimitedArm
 
 FURTHEST, FASTEST = 1e2, 1e3  # [rad], [rad/s]
-BEYOND = 2.0  # stops
-FADES, DIFFERENT = 0.5, 0.2  # [s], [rad]
+BEYOND = 2.0  # stops: no impact deflects a spring that far, degrees and lost turns do
+FADES, DIFFERENT = 0.5, 0.2  # [s], [rad]: a filter that lags by 20 ms differs by as much at 10 rad/s
 IMPOSSIBLE = "unusable samples: a value is missing or impossible"
 DEFLECTED = (
     "unusable samples: a spring is deflected beyond twice its stop: check unit, sign and zero of the encoders, and "

@@ -1,6 +1,6 @@
 """Decision between commands with zero-order hold and commands that are interpolated linearly, with their delay.
 
-The delay is one more unknown beside those of the best model so far; one Gauss-Newton step over device parameters,
+The delay is one more unknown beside those of the best model; one Gauss-Newton step over device parameters,
 effects and delay estimates it. Interpolation is used if the same effects, fitted again, are then significantly better
 on held-out data, by a relevant amount, also than with steps that have a dead time of their own. Without any effect,
 interpolation might imitate a part of one, and has to explain half of the error. A delay below half a sample cannot be

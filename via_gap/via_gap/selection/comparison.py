@@ -1,7 +1,8 @@
 """Search for models, and for what the logs do not contain: commands between samples, and times of single events.
 
 Commands between the samples of a log are not known. If linear interpolation explains the motion better than a
-zero-order hold (between.py), the search is repeated with interpolated commands.
+zero-order hold (between.py), beside the tuned device or the best model of the search, the search is repeated with
+interpolated commands. Beside an unfinished model, the unknown times of jumps would absorb a part of a missing delay.
 
 Blocks of a log mislead where a motion repeats with them: a wall that only fitted blocks touch improves no held-out
 block. If a model leaves an error on one side alone, the search is repeated with finely alternating segments.
@@ -75,9 +76,7 @@ def compare_models(experiment: Experiment, candidates: CandidateSet, progress: P
     return ModelComparison(experiment, candidates, _searched(experiment, candidates, progress))
 
 
-def _searched(
-    experiment: Experiment, candidates: CandidateSet, progress: Progress
-) -> list[Evaluation]:  # fmt: skip
+def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progress) -> list[Evaluation]:
     """Every model of one search."""
     evaluate = experiment.evaluate
     folds = experiment.folds
