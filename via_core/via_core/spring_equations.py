@@ -29,8 +29,8 @@ def _between_levers(c: Array, phi: float, preset: float) -> tuple[float, float, 
 
 @njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def odd_polynomial(c: Array, phi: float) -> float:
-    """sum_p c_p phi^(2p+1) [N m] with coefficients c (n,)."""
-    last = c.size - 1
+    """sum_p c_p phi^(2p+1) [N m] with coefficients c (n,), an array or a tuple."""
+    last = len(c) - 1
     square, total = phi * phi, c[last]
     for p in range(last - 1, -1, -1):
         total = total * square + c[p]
@@ -40,7 +40,7 @@ def odd_polynomial(c: Array, phi: float) -> float:
 @njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def polynomial_slope(c: Array, phi: float) -> float:
     """Derivative [N m/rad] of `odd_polynomial`."""
-    last = c.size - 1
+    last = len(c) - 1
     square, total = phi * phi, (2 * last + 1) * c[last]
     for p in range(last - 1, -1, -1):
         total = total * square + (2 * p + 1) * c[p]

@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from sim_joints import SIZES, antagonistic, device, flexible, positioned, rigid, serial_servo, servo_flexible
-from via_core.devices import load_device
+from via_core.devices import device_names, load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
 from via_sim.joint.kernel import run, run_in
-from via_sim.joint.layout import FULL, N_COMMANDS, N_MODES
+from via_sim.joint.layout import N_COMMANDS
 from via_sim.joint.measurements import TRUTH
 from via_sim.joint.parameters import P
-from via_sim.joint.torques import is_smooth
+from via_sim.joint.structure import EVERYTHING, is_smooth, structure_of
 from via_sim.plants import JointPlant, substeps_for
-from via_sim.sensors import IDEAL
+from via_sim.sensors import IDEAL, Sensors
 from via_sim.simulate import InitialConditions, initial_state, simulate
 
 RATE = 1000.0
@@ -265,11 +265,41 @@ def test_the_short_kernel_gives_the_bits_of_the_full_one(joint):
     short = 0
     for plant in plants:
         row = plant.at_rate(1000.0)
-        short += is_smooth(row, np.zeros(N_MODES, np.int64))
+        short += is_smooth(row)
         states = [initial_state(plant, 1000.0, (0.1, 0.0, 0.0, 0.5, 0.2, -0.2), 1) for _ in range(2)]
         rows = [(np.empty((61, 9)), np.empty((61, 16))) for _ in range(2)]
         run(row, IDEAL.row(), states[0], sent, *rows[0])
-        run_in(row, IDEAL.row(), states[1], sent, *rows[1], FULL)
+        run_in(row, EVERYTHING, IDEAL.row(), states[1], sent, *rows[1])
         for mine, full in zip((states[0], *rows[0]), (states[1], *rows[1]), strict=True):
             assert np.array_equal(mine, full, equal_nan=True), plant.effects
     assert (short > 0) == (joint.drive == "torque")
+
+
+def nominal(name):
+    return JointPlant.from_device(load_device(name)).parameters
+
+
+@pytest.mark.parametrize("sensors", [IDEAL, Sensors(link_noise=1e-3, motor_noise=1e-3, motor_quantum=1e-4)])
+@pytest.mark.parametrize("name", sorted(name for name in device_names() if is_smooth(nominal(name))))
+def test_the_short_kernel_of_each_device_gives_the_bits_of_the_full_one(name, sensors):
+    """Beyond the stops of springs too, and for longer than the kernels remember commands and motion."""
+    joint = JointPlant.from_device(load_device(name))
+    row, sent = joint.at_rate(1000.0), np.zeros((250, N_COMMANDS))
+    sent[:] = 0.5 * np.sin(0.2 * np.arange(len(sent))[:, None] + np.arange(N_COMMANDS))
+    assert structure_of(row, sensors.row()).rest is None
+    results = []
+    for has in (structure_of(row, sensors.row()), EVERYTHING):
+        state = initial_state(joint, 1000.0, (1.5, 0.0, 0.0, 0.5, 0.2, -0.2), 1)
+        rows = np.empty((len(sent) + 1, 9)), np.empty((len(sent) + 1, 16))
+        run_in(row, has, sensors.row(), state, sent, *rows)
+        results.append((state, *rows))
+    for short, full in zip(*results, strict=True):
+        assert np.array_equal(short, full, equal_nan=True)
+
+
+@pytest.mark.parametrize("slot", ["coupling", "stiffness_rate", "delay", "ripple_amplitude", "saturation", "skew"])
+def test_a_joint_with_any_slot_that_short_kernels_do_not_read_is_not_smooth(slot):
+    row = nominal("cubic_demo").copy()
+    assert is_smooth(row)
+    row[getattr(P, slot)] = 0.01
+    assert not is_smooth(row)

@@ -28,7 +28,7 @@ from via_sim.joint.kernel import advance_tick, begin, run
 from via_sim.joint.layout import N_COMMANDS, N_INPUTS, N_MODES, X
 from via_sim.joint.parameters import P
 from via_sim.joint.step import N_WEIGHTS
-from via_sim.joint.torques import find_modes, spring_coefficients
+from via_sim.joint.torques import find_modes
 from via_sim.lockstep.pack import LANES, get, put, rows_of_packs
 from via_sim.lockstep.run import lead_many, run_many
 from via_sim.plants import JointPlant
@@ -227,7 +227,7 @@ def led(row: Array, state: Array, sent: Array, measured: Array) -> None:
 
     for tick, command in enumerate(sent):
         state[0], state[3] = true_motion(row, 0, at(0, tick), at(3, tick))
-        find_modes(row, *spring_coefficients(row), state, u, modes)
+        find_modes(row, state, u, modes)
         advance_tick(row, state, command, u, modes, weights, np.zeros(9))
     state[0], state[3] = true_motion(row, 0, at(0, len(sent)), at(3, len(sent)))
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import ceil
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -21,10 +22,11 @@ from via_core.limits import LIMITS
 from via_core.signals import Array, Signals
 
 from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
-from via_sim.joint.kernel import run
+from via_sim.joint.kernel import run, run_in
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, POWER, QUEUED, X
 from via_sim.joint.measurements import MEASURED, TRUTH
 from via_sim.joint.parameters import ABSENT, SERVO, P
+from via_sim.joint.structure import structure_of
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
 
@@ -86,10 +88,12 @@ class Simulator:
     sensors: Sensors = IDEAL
     _row: Array = field(init=False, repr=False, compare=False)  # writable: numba would compile all
     _sensor_row: Array = field(init=False, repr=False, compare=False)  # kernels again for read-only arrays
+    _structure: Any = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_row", self.plant.at_rate(self.rate))
         object.__setattr__(self, "_sensor_row", self.sensors.row())
+        object.__setattr__(self, "_structure", structure_of(self._row, self._sensor_row))
         self.sensors.decimation(self.rate)
 
     def init(self, initial: ArrayLike | None = None, seed: int = 0) -> Array:
@@ -123,7 +127,7 @@ class Simulator:
 
     def _run(self, state: Array, commands: Array) -> tuple[Array, Array]:
         measured, truth = np.empty((len(commands) + 1, len(MEASURED))), np.empty((len(commands) + 1, len(TRUTH)))
-        run(self._row, self._sensor_row, state, commands, measured, truth)
+        run_in(self._row, self._structure, self._sensor_row, state, commands, measured, truth)
         return measured[-1], truth[-1]
 
 

@@ -28,20 +28,19 @@ from via_core.errors import ParameterError
 from via_core.servos import servo_acceleration
 from via_core.signals import Array, Indices
 from via_sim.joint.actuation import couple, servo_bandwidth
-from via_sim.joint.compiled import inlined
+from via_sim.joint.compiled import compiled, inlined
 from via_sim.joint.encoders import read_motion, true_motion
 from via_sim.joint.friction import breakaway, has_friction, viscous_friction
-from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, FULL, GOAL, MODE, N_INPUTS, N_MODES, NEIGHBOUR, POWER, U, X
+from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, MODE, N_INPUTS, N_MODES, NEIGHBOUR, POWER, U, X
 from via_sim.joint.parameters import ABSENT, DYNAMIC, N_PARAMETERS, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
+from via_sim.joint.structure import EVERYTHING
 from via_sim.joint.torques import (
-    compiled,
     counter_torque,
     deflection,
     motive_torques,
     prepare,
     preset_of,
     remember,
-    spring_coefficients,
     spring_factor,
     transmission_torque,
 )
@@ -122,7 +121,6 @@ def walk(
     p: Array, time: Array, angle: Array, velocity: Array, late: Array, prompt: Array, wanted: Any, out: Array
 ) -> None:
     """Torques at the wanted samples of a record into out (n, 17), see `EquationTorques` and `Record.means`."""
-    c1, c2 = spring_coefficients(p)
     log = _Log(time, angle, velocity, late, prompt)
     work = _Work(np.zeros(N_MODES, np.int64), np.zeros(N_INPUTS), np.zeros(X.queue), np.zeros(6))
     prepare(p, work.modes)
@@ -132,7 +130,7 @@ def walk(
         age = p[P.origin] + time[n] - time[0]
         _load_inputs(p, log, n, age, begin, end - begin, work)
         _load_motion(p, log, n, end - begin, work)
-        _store_torques(p, c1, c2, log, n, age, work, out[i])
+        _store_torques(p, log, n, age, work, out[i])
 
 
 @inlined
@@ -186,7 +184,7 @@ def _load_motion(p: Array, log: _Log, n: int, width: float, work: _Work) -> None
             x[X.behind] = x[X.lag] = late[GOAL] / late[POWER] if late[POWER] > 0.0 else measured
         mean_goal(p, late, measured, width, x, u)
         u[DAMPING] += u[U.on] * p[P.drive_damping]
-    if modes[MODE.rare] != 0 and isfinite(y[0] + y[1] + y[2]):
+    if isfinite(y[0] + y[1] + y[2]):
         remember(p, modes, x, y)
     for axis in range(6):
         x[axis] = y[axis]
@@ -194,17 +192,17 @@ def _load_motion(p: Array, log: _Log, n: int, width: float, work: _Work) -> None
 
 @inlined
 def _store_torques(
-    p: Array, c1: Array, c2: Array, log: _Log, n: int, age: float, work: _Work, out: Array
+    p: Array, log: _Log, n: int, age: float, work: _Work, out: Array
 ) -> None:  # fmt: skip
     """Torques at the motion and inputs of sample n into out (17,)."""
     modes, u, x, late, last = work.modes, work.u, work.x, log.late[n], log.time.size - 1
     u[U.spring], u[U.spring + 1] = spring_factor(p, 0, age), spring_factor(p, 1, age)
     for i in range(2):
-        phi = deflection(p, i, x[0], x[1 + i])
+        phi = deflection(p, EVERYTHING, i, x[0], x[1 + i])
         half = 0.5 * p[P.backlash + i]
         modes[MODE.flank + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
     modes[MODE.touch] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
-    torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5], FULL)
+    torques = motive_torques(p, EVERYTHING, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
     for axis in range(3):
         kind, load = p[P.axis_kind + axis], torques[3 + axis]
         friction = capacity = 0.0
@@ -231,8 +229,7 @@ def _store_torques(
         total = nan
         if p[P.transmissions] > i:
             preset = preset_of(p, i, x[1], x[2])
-            phi = deflection(p, i, x[0], x[1 + i])
-            c = c1 if i == 0 else c2
-            total = transmission_torque(p, c, i, phi, preset, modes[MODE.flank + i], u[U.spring + i])
+            phi = deflection(p, EVERYTHING, i, x[0], x[1 + i])
+            total = transmission_torque(p, EVERYTHING, modes, i, phi, preset, modes[MODE.flank + i], u[U.spring + i])
             total += x[X.hysteresis + i] + p[P.spring_damping + i] * (x[3] - x[4 + i])
         out[_C.transmission + i] = total

@@ -17,11 +17,12 @@ from math import ceil
 
 import numpy as np
 from via_core.signals import Array, Indices
+from via_sim.joint.compiled import compiled
 from via_sim.joint.layout import GOAL, HISTORY, N_MODES, POWER, X
 from via_sim.joint.measurements import stride
 from via_sim.joint.parameters import POSITION_DRIVE, P
 from via_sim.joint.position_drive import acting_goal, followed
-from via_sim.joint.torques import compiled, remember
+from via_sim.joint.torques import remember
 
 HELD = 5  # bristles of link, motor 1, motor 2; Maxwell elements of transmission 1, 2
 TORQUES = np.r_[P.bristle_torque : P.bristle_torque + 3, P.hysteresis_torque : P.hysteresis_torque + 2]

@@ -15,10 +15,10 @@ import numpy as np
 from via_core.dampers import N_DAMPER_COEFFICIENTS, damper_value
 from via_core.errors import SignalError
 from via_core.signals import Array, locked
+from via_sim.joint.compiled import bare, compiled
 from via_sim.joint.layout import DAMPING, EXTERNAL, GOAL, N_COMMANDS, NEIGHBOUR, POWER
 from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.terms import saturated, terms_at
-from via_sim.joint.torques import bare, compiled
 
 from via_gap.residual.threads import THREADS
 

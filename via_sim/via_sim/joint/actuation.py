@@ -11,14 +11,15 @@ of this phase has a closed form; its beginning is found by bisection of a monoto
 from __future__ import annotations
 
 from math import copysign, exp, inf
+from typing import Any
 
 from via_core.servos import servo_acceleration, servo_step
 from via_core.signals import Array
 
+from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.layout import EXTERNAL, MODE, U, X
 from via_sim.joint.parameters import DYNAMIC, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import acting_goal
-from via_sim.joint.torques import bare
 
 _PHASES = 4  # free, limited, free again, and limited in the other direction
 
@@ -38,16 +39,18 @@ def couple(p: Array, neighbour: float, arm: float, u: Array) -> None:
     u[U.beside + 1], u[U.beside + 2] = -through1, -through2
 
 
-@bare
-def supply(p: Array, modes: Array, x: Array, u: Array, after: float) -> None:
+@inlined
+def supply(p: Array, has: Any, modes: Array, x: Array, u: Array, after: float) -> None:
     """Torques (and the goal of a position drive) `after` [s] later than state x into u (N_INPUTS,)."""
     u[EXTERNAL] = u[U.beside]
-    if p[P.link_drive] == POSITION_DRIVE:
+    if has.rest is not None and p[P.link_drive] == POSITION_DRIVE:
         u[U.acting] = acting_goal(p, u[U.target], u[U.followed], u[U.lagged], after)
     for axis in range(3):
         driven = p[P.link_drive] == TORQUE_DRIVE if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
         if driven:
-            torque = u[U.target + axis] if modes[MODE.lags] == 0 else lagged(p, axis, x, u, after)
+            torque = u[U.target + axis]
+            if has.rest is not None and modes[MODE.lags] != 0:
+                torque = lagged(p, axis, x, u, after)
             torque = p[P.torque_gain + axis] * torque + p[P.torque_bias + axis]
             if axis == 0:
                 u[EXTERNAL] += torque

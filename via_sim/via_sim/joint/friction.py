@@ -66,7 +66,7 @@ def has_friction(p: Array, axis: int) -> bool:
     )
 
 
-@bare
+@inlined
 def feels_both_sides(p: Array, axis: int) -> bool:
     """Whether the friction of an axis depends on load and counter torque, or on the load by several coefficients."""
     return p[P.both_sides + axis] != 0.0

@@ -19,16 +19,15 @@ from typing import Any
 import numpy as np
 from via_core.dampers import damper_value
 from via_core.signals import Array
-from via_core.spring_equations import N_COEFFICIENTS
 
 from via_sim.joint.actuation import couple, lagged, supply
+from via_sim.joint.compiled import bare, compiled, inlined
 from via_sim.joint.encoders import read_motion
 from via_sim.joint.friction import viscous_rate
 from via_sim.joint.layout import (
     ARM,
     DAMPING,
     EXTERNAL,
-    FULL,
     GOAL,
     MODE,
     N_INPUTS,
@@ -42,23 +41,14 @@ from via_sim.joint.layout import (
 from via_sim.joint.measurements import observe, record, stride
 from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import acting_goal, drive_torque, followed
+from via_sim.joint.smooth import run_smooth
 from via_sim.joint.step import N_WEIGHTS, krogstad_step
+from via_sim.joint.structure import EVERYTHING, structure_of
 from via_sim.joint.terms import saturated
-from via_sim.joint.torques import (
-    bare,
-    compiled,
-    find_modes,
-    forced,
-    is_smooth,
-    prepare,
-    remember,
-    seek_modes,
-    spring_coefficients,
-    spring_factor,
-    violation,
-)
+from via_sim.joint.torques import find_modes, forced, prepare, remember, spring_factor, violation
 
-_MAX_EVENTS = 64  # per substep
+_MAX_EVENTS, _MAX_TRIALS = 64, 100  # per substep, per event
+_WHOLE, _MIDPOINT, _LOCATE, _LAST = range(4)  # what a trial step is for
 _EVENT_WIDTH = 1e-12  # accuracy of the location of an event, relative to a substep
 
 
@@ -68,10 +58,10 @@ def derivative(p: Array, x: Array, u: Array, out: Array) -> None:
 
     x (X.queue,), u (N_INPUTS,). The acceleration of servo axes is zero here; `servo_motion` is their closed form.
     """
-    modes, (c1, c2) = np.zeros(N_MODES, np.int64), spring_coefficients(p)
+    modes = np.zeros(N_MODES, np.int64)
     prepare(p, modes)
-    find_modes(p, c1, c2, x, u, modes)
-    torques = forced(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5], FULL)
+    find_modes(p, x, u, modes)
+    torques = forced(p, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
     for i, torque in enumerate(torques):
         out[i] = x[3 + i]
         out[3 + i] = 0.0
@@ -89,73 +79,70 @@ def _dips(modes: Array, y: Array) -> bool:
 
 
 @bare
-def _accept(p: Array, modes: Array, x: Array, y: Array, u: Array, h: float, full: Any) -> None:
+def _accept(p: Array, modes: Array, x: Array, y: Array, u: Array, h: float) -> None:
     """Set state x to the result y of a step of h [s], and update goal and lags."""
     for i in range(6):
         x[i] = y[i]
-    if full is not None:
-        if p[P.link_drive] == POSITION_DRIVE:
-            u[U.lagged] = acting_goal(p, u[U.target], u[U.followed], u[U.lagged], h)
-            u[U.followed] = followed(p, u[U.target], u[U.followed], h)
-        elif modes[MODE.lags] != 0:
-            for axis in range(3):
-                x[X.lag + axis] = lagged(p, axis, x, u, h)
+    if p[P.link_drive] == POSITION_DRIVE:
+        u[U.lagged] = acting_goal(p, u[U.target], u[U.followed], u[U.lagged], h)
+        u[U.followed] = followed(p, u[U.target], u[U.followed], h)
+    elif modes[MODE.lags] != 0:
+        for axis in range(3):
+            x[X.lag + axis] = lagged(p, axis, x, u, h)
 
 
 @bare
-def _advance(
-    p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: Array, weights: Array, y: Array, full: Any
-) -> None:
+def _advance(p: Array, x: Array, u: Array, h: float, modes: Array, weights: Array, y: Array) -> None:
     """Advance x by h [s] in place with a restart at each event; weights (2, N_WEIGHTS) of full and partial steps."""
-    if full is None or modes[MODE.switches] == 0:
-        krogstad_step(p, c1, c2, x, u, h, modes, weights[0], y, full)
-        _accept(p, modes, x, y, u, h, full)
-        return
-    left = h
-    for event in range(_MAX_EVENTS):
-        if full is not None and modes[MODE.lags] != 0:
-            supply(p, modes, x, u, 0.0)
-        seek_modes(p, c1, c2, x, u, modes, full)
-        high = left
-        krogstad_step(p, c1, c2, x, u, high, modes, weights[min(event, 1)], y, full)
-        outside = violation(p, c1, c2, x, y, u, modes, full)
-        if outside <= 0.0 and _dips(modes, y):
-            krogstad_step(p, c1, c2, x, u, 0.5 * left, modes, weights[1], y, full)
-            outside = violation(p, c1, c2, x, y, u, modes, full)
-            if outside > 0.0:
-                high = 0.5 * left
-            else:
-                krogstad_step(p, c1, c2, x, u, left, modes, weights[1], y, full)
-        if outside > 0.0:  # Illinois method: within the modes at `low`, outside at `high`
-            if full is not None and modes[MODE.lags] != 0:
-                supply(p, modes, x, u, 0.0)
-            low, at_low, at_high = 0.0, violation(p, c1, c2, x, x, u, modes, full), outside
-            nearest, last = 0.5 * _EVENT_WIDTH * h, 0
-            for trial in range(100):
-                if high - low <= _EVENT_WIDTH * h:
-                    break
-                middle = 0.5 * (low + high)
-                if at_low < 0.0 and trial % 8 != 7:
-                    middle = low + (high - low) * at_low / (at_low - at_high)
-                    middle = min(max(middle, low + nearest), high - nearest)
-                krogstad_step(p, c1, c2, x, u, middle, modes, weights[1], y, full)
-                outside = violation(p, c1, c2, x, y, u, modes, full)
+    left, switches = h, modes[MODE.switches] != 0
+    for event in range(_MAX_EVENTS if switches else 1):
+        if switches:
+            if modes[MODE.lags] != 0:
+                supply(p, EVERYTHING, modes, x, u, 0.0)
+            find_modes(p, x, u, modes)
+        length, stage, last, trial = left, _WHOLE, 0, 0
+        low, high, at_low, at_high = 0.0, left, 0.0, 0.0
+        while True:  # one trial step each
+            krogstad_step(p, x, u, length, modes, weights[0 if event == 0 and stage == _WHOLE else 1], y)
+            if stage == _LAST or not switches:
+                break
+            outside = violation(p, x, y, u, modes)
+            if stage == _LOCATE:  # Illinois method: within the modes at `low`, outside at `high`
                 if outside > 0.0:
-                    high, at_high = middle, outside
+                    high, at_high = length, outside
                     at_low *= 0.5 if last > 0 else 1.0  # halve the value of an end that stays twice
                     last = 1
                 else:
-                    low, at_low = middle, outside
+                    low, at_low = length, outside
                     at_high *= 0.5 if last < 0 else 1.0
                     last = -1
-            krogstad_step(p, c1, c2, x, u, high, modes, weights[1], y, full)
-        left -= high
-        for i in range(3):
-            if abs(modes[i]) == 1 and modes[i] * y[3 + i] <= 0.0:
-                y[3 + i] = 0.0  # it stops; `find_modes` decides whether it sticks
-        if full is not None:
+            elif outside > 0.0:
+                if modes[MODE.lags] != 0:
+                    supply(p, EVERYTHING, modes, x, u, 0.0)
+                high, at_low, at_high, stage = length, violation(p, x, x, u, modes), outside, _LOCATE
+            elif stage == _MIDPOINT:
+                length, stage = left, _LAST
+                continue
+            elif _dips(modes, y):
+                length, stage = 0.5 * left, _MIDPOINT
+                continue
+            else:
+                break
+            length, stage = high, _LAST
+            if high - low > _EVENT_WIDTH * h and trial < _MAX_TRIALS:
+                length, stage = 0.5 * (low + high), _LOCATE
+                if at_low < 0.0 and trial % 8 != 7:
+                    nearest = 0.5 * _EVENT_WIDTH * h
+                    length = low + (high - low) * at_low / (at_low - at_high)
+                    length = min(max(length, low + nearest), high - nearest)
+                trial += 1
+        left -= length
+        if switches:
+            for i in range(3):
+                if abs(modes[i]) == 1 and modes[i] * y[3 + i] <= 0.0:
+                    y[3 + i] = 0.0  # it stops; `find_modes` decides whether it sticks
             remember(p, modes, x, y)
-        _accept(p, modes, x, y, u, high, full)
+        _accept(p, modes, x, y, u, length)
         if left <= 0.0:
             return
     for i in range(3):  # too many events: slipping axes rest for the remainder of the substep
@@ -193,16 +180,12 @@ def queued_at(x: Array, slot: int, late: int) -> int:
 @bare
 def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weights: Array, y: Array) -> None:
     """Advance state x by one tick under `command` (N_COMMANDS,) in place, with the work memory of `begin`."""
-    take_tick(p, x, command, u, modes, weights, y, FULL)
+    _take_tick(p, x, command, u, modes, weights, y)
 
 
-@bare
-def take_tick(
-    p: Array, x: Array, command: Array, u: Array, modes: Array, weights: Array, y: Array, full: Any
-) -> None:  # fmt: skip
-    """`advance_tick` in a kernel with or without the rare groups of terms."""
-    second = P.spring + N_COEFFICIENTS
-    c1, c2 = p[P.spring : P.spring + modes[MODE.coefficients]], p[second : second + modes[MODE.coefficients + 1]]
+@inlined
+def _take_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weights: Array, y: Array) -> None:
+    """`advance_tick`, part of its caller."""
     record(x, modes[MODE.every])
     tick, length = int(x[X.tick]), (x.size - X.queue) // QUEUED
     slot = tick % length
@@ -225,9 +208,7 @@ def take_tick(
     rest = p[P.delay] - whole * period
     if rest < 1e-9 * period:
         rest = 0.0
-    positioned = False
-    if full is not None:
-        positioned = p[P.link_drive] == POSITION_DRIVE
+    positioned = p[P.link_drive] == POSITION_DRIVE
     if positioned:
         recall_goal(p, x, queued_at(x, slot, whole + 1), u)
     for piece in range(2):  # before and after the command of this tick arrives
@@ -242,7 +223,7 @@ def take_tick(
             u[U.target + 1 + i] = saturated(p, 1 + i, min(max(x[queued + i], -limit), limit))
         if positioned:
             take_goal(p, x, queued, u)
-        supply(p, modes, x, u, 0.0)
+        supply(p, EVERYTHING, modes, x, u, 0.0)
         damping = 0.0
         if p[P.damper_site] != NO_DAMPER:
             damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[queued + DAMPING])
@@ -252,7 +233,7 @@ def take_tick(
             substeps = max(1, ceil(p[P.substeps] * duration / period - 1e-9))
         h = duration / substeps
         for _ in range(substeps):
-            _advance(p, c1, c2, x, u, h, modes, weights, y, full)
+            _advance(p, x, u, h, modes, weights, y)
         x[X.damping], x[X.external], x[X.beside] = damping, u[EXTERNAL], u[U.beside]
         for i in range(2):
             x[X.motor_torque + i] = u[i]
@@ -277,27 +258,31 @@ def begin(p: Array, x: Array, u: Array, modes: Array, weights: Array) -> None:
     prepare(p, modes)
     modes[MODE.every] = stride(p[P.tick])
     modes[MODE.late], modes[MODE.substeps] = floor(p[P.delay] / p[P.tick] + 1e-9), max(1, ceil(p[P.substeps] - 1e-9))
-    c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
-    find_modes(p, c1, c2, x, u, modes)
+    find_modes(p, x, u, modes)
 
 
-@compiled
 def run(p: Array, s: Array, x: Array, commands: Array, measured: Array, truth: Array) -> None:
     """Advance state x by N ticks under commands (N, N_COMMANDS); store measured (N+1, 9) and truth (N+1, 16)."""
-    if is_smooth(p, np.zeros(N_MODES, np.int64)):
-        run_in(p, s, x, commands, measured, truth, None)
-    else:
-        run_in(p, s, x, commands, measured, truth, FULL)
+    run_in(p, structure_of(p, s), s, x, commands, measured, truth)
 
 
 @compiled
-def run_in(p: Array, s: Array, x: Array, commands: Array, measured: Array, truth: Array, full: Any) -> None:
-    """`run` with all terms (FULL), or without the terms that a joint which `is_smooth` lacks (None)."""
-    c1, c2 = spring_coefficients(p)
+def run_in(p: Array, has: Any, s: Array, x: Array, commands: Array, measured: Array, truth: Array) -> None:
+    """`run` of a joint that has this structure."""
     u, modes, weights, y = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, N_WEIGHTS)), np.zeros(9)
     begin(p, x, u, modes, weights)
-    c1, c2 = c1[: modes[MODE.coefficients]], c2[: modes[MODE.coefficients + 1]]
-    observe(p, c1, c2, s, x, measured[0], truth[0], full)
-    for k in range(len(commands)):
-        take_tick(p, x, commands[k], u, modes, weights, y, full)
-        observe(p, c1, c2, s, x, measured[k + 1], truth[k + 1], full)
+    if has.rest is None:
+        run_smooth(p, has, s, x, commands, (u, modes, weights[0]), measured, truth)
+    else:
+        _run_any(p, s, x, commands, (u, modes, weights, y), measured, truth)
+
+
+@bare
+def _run_any(p: Array, s: Array, x: Array, commands: Array, work: Any, measured: Array, truth: Array) -> None:
+    u, modes, weights, y = work
+    for k in range(len(measured)):
+        if k > 0:
+            _take_tick(p, x, commands[k - 1], u, modes, weights, y)
+        motion, at = (x[0], x[1], x[2], x[3], x[4], x[5]), X.motor_torque
+        acted = (x[at], x[at + 1], x[X.damping], x[X.reported_torque], x[X.reported_torque + 1])
+        observe(p, EVERYTHING, s, x, modes, motion, acted, measured[k], truth[k])

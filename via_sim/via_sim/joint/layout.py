@@ -48,16 +48,14 @@ N_INPUTS = 16
 # Modes. Columns 0 to 2 are the axes: STUCK, SMOOTH (no dry friction) or slip direction -1, +1; then
 #   flank (2), slip (2)  flank of the transmissions (0 within the gap), slip direction of their Maxwell elements (or 0)
 #   touch                whether the wall is touched
-#   switches, rare, lags whether any mode can change, any rare term is there, the drives lag
+#   dry (3)              whether the axes have dry friction
+#   switches, lags       whether any mode can change, the drives lag
+#   rare (3), paired     whether an axis has rare torques, and two of them have some between each other or with a wall
 #   every                ticks between samples in the ring buffer
 #   coefficients (2)     number of coefficients of the spring laws, up to the last that is not zero in a polynomial
 #   late, substeps       dead time in whole ticks, integration steps per tick
 #   repeats (3 each)     number of harmonics, up to the last that is not zero, of each periodic term of an axis
-_Modes = namedtuple("_Modes", "flank slip touch switches rare lags every coefficients late substeps repeats")
-MODE: Any = _Modes(3, 5, 7, 8, 9, 10, 11, 12, 14, 15, 16)
+_Modes = namedtuple("_Modes", "flank slip touch dry switches lags rare paired every coefficients late substeps repeats")
+MODE: Any = _Modes(3, 5, 7, 8, 11, 12, 13, 16, 17, 18, 20, 21, 22)
 STUCK, SMOOTH = 0, 2
 N_MODES = MODE.repeats + 3 * sum(term.repeats > 1 for kind in EFFECTS.values() for term in kind.terms)
-
-# Kernels are compiled twice, for every joint with FULL, and with None in its place for a joint that `is_smooth`. numba
-# then drops the branches `if full is not None`, so that absent terms cost nothing.
-FULL = True

@@ -15,15 +15,14 @@ import numpy as np
 from via_core.signals import Array
 
 from via_sim.catalogue.sensor.channel_skew import MAX_SKEW
+from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.encoders import read_motion
 from via_sim.joint.friction import breakaway, dry_friction, feels_both_sides
 from via_sim.joint.layout import HISTORY, X
 from via_sim.joint.parameters import DYNAMIC, P
 from via_sim.joint.torques import (
-    bare,
     contact_torque,
     deflection,
-    inlined,
     preset_of,
     spring_factor,
     transmission_stiffness,
@@ -68,15 +67,6 @@ def noise(x: Array, channel: int) -> float:
     one = _uniform(seed, tick, np.uint64(2 * channel))
     two = _uniform(seed, tick, np.uint64(2 * channel + 1))
     return sqrt(-2.0 * log(one)) * cos(2.0 * pi * two)
-
-
-@inlined
-def _read(true: float, sd: float, quantum: float, x: Array, channel: int) -> float:
-    """Measurement of a true value with noise of standard deviation `sd`, then quantisation."""
-    value = true
-    if sd != 0.0:
-        value += sd * noise(x, channel)
-    return quantum * np.rint(value / quantum) if quantum > 0.0 else value
 
 
 @bare
@@ -150,54 +140,90 @@ def dissipated_torque(p: Array, x: Array) -> float:
     return min(max(needed, least), most) + x[X.bristle]
 
 
-@bare
+@inlined
+def _exists(p: Array, has: Any, axis: int) -> bool:
+    """Whether the joint has an axis; a constant in a short kernel."""
+    if has.rest is not None:
+        return p[P.axis_kind + axis] != 0.0
+    return axis == 0 or (has.spring is not None and axis == 1) or (has.second is not None and axis == 2)
+
+
+@inlined
+def _read(has: Any, true: float, sd: float, quantum: float, x: Array, channel: int) -> float:
+    """Measurement of a true value with noise of standard deviation `sd`, then quantisation."""
+    value = true
+    if has.noise is not None:
+        if sd != 0.0:
+            value += sd * noise(x, channel)
+        return quantum * np.rint(value / quantum) if quantum > 0.0 else value
+    return value
+
+
+@inlined
 def observe(
-    p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array, truth: Array, full: Any
+    p: Array, has: Any, s: Array, x: Array, modes: Array, motion: Any, acted: Any, measured: Array, truth: Array
 ) -> None:  # fmt: skip
-    """Measured row (9,) and truth row (16,) of state x with sensors s; NaN without the axis or its sensor."""
-    transmissions = int(p[P.transmissions])
+    """Measured row (9,) and truth row (16,) of state x with sensors s; NaN without the axis or its sensor.
+
+    motion  angles and velocities (6) of state x
+    acted   what acted and what the drives report (5): torques of the motors, damping, reported torques
+    """
     age = p[P.origin] + x[X.tick] * p[P.tick]
-    for i in range(6):
-        truth[i] = x[i] if p[P.axis_kind + i % 3] != 0.0 else nan
-    truth[TRUTH.stiffness], truth[TRUTH.damping] = 0.0, x[X.damping]
-    for i in range(2):
-        truth[TRUTH.stiffness_1 + i] = truth[TRUTH.deflection_1 + i] = truth[TRUTH.transmission_torque_1 + i] = nan
-        motored = p[P.axis_kind + 1 + i]
-        truth[TRUTH.motor_torque_1 + i] = x[X.motor_torque + i] if motored == DYNAMIC else nan
-        measured[MEASURED.tau_1 + i] = nan
-        if motored == DYNAMIC:
-            torque = p[P.sensed_gain + 1 + i] * x[X.reported_torque + i] + p[P.sensed_bias + 1 + i]
-            measured[MEASURED.tau_1 + i] = _read(torque, s[S.torque_noise], 0.0, x, 3 + i)
-    link_torque = 0.0
-    for i in range(transmissions):
-        c = c1 if i == 0 else c2
-        phi, preset = deflection(p, i, x[0], x[1 + i]), preset_of(p, i, x[1], x[2])
-        flank = 0 if abs(phi) < 0.5 * p[P.backlash + i] else (1 if phi > 0.0 else -1)
-        factor = spring_factor(p, i, age)
-        truth[TRUTH.stiffness_1 + i] = transmission_stiffness(p, c, i, phi, preset, factor)
-        truth[TRUTH.stiffness] += truth[TRUTH.stiffness_1 + i]
-        truth[TRUTH.deflection_1 + i] = x[0] - x[1 + i]
-        truth[TRUTH.transmission_torque_1 + i] = transmission_torque(p, c, i, phi, preset, flank, factor)
-        link_torque += (
-            truth[TRUTH.transmission_torque_1 + i] + x[X.hysteresis + i] + p[P.spring_damping + i] * (x[3] - x[4 + i])
-        )
+    damping, reported = acted[2], acted[3:]
+    sigma = link_torque = 0.0
     for i in range(3):
-        measured[MEASURED.q + i] = measured[MEASURED.q_velocity + i] = nan
-        if p[P.axis_kind + i] != 0.0:
+        there = _exists(p, has, i)
+        truth[i], truth[3 + i] = motion[i] if there else nan, motion[3 + i] if there else nan
+    for i in range(2):
+        motored = _exists(p, has, 1 + i) and (has.rest is None or p[P.axis_kind + 1 + i] == DYNAMIC)
+        torque = nan
+        if motored:
+            torque = p[P.sensed_gain + 1 + i] * reported[i] + p[P.sensed_bias + 1 + i]
+            torque = _read(has, torque, s[S.torque_noise], 0.0, x, 3 + i)
+        truth[TRUTH.motor_torque_1 + i], measured[MEASURED.tau_1 + i] = acted[i] if motored else nan, torque
+        stiffness = torque = deflected = nan
+        if _spans(p, has, i):
+            phi, preset = deflection(p, has, i, motion[0], motion[1 + i]), preset_of(p, i, motion[1], motion[2])
+            flank, factor = 0, p[P.spring_scale + i]
+            if has.rest is not None:
+                flank = 0 if abs(phi) < 0.5 * p[P.backlash + i] else (1 if phi > 0.0 else -1)
+                factor = spring_factor(p, i, age)
+            stiffness = transmission_stiffness(p, has, modes, i, phi, preset, factor)
+            torque = transmission_torque(p, has, modes, i, phi, preset, flank, factor)
+            deflected = motion[0] - motion[1 + i]
+            sigma += stiffness
+            link_torque += torque
+            if has.rest is not None:
+                link_torque += x[X.hysteresis + i] + p[P.spring_damping + i] * (motion[3] - motion[4 + i])
+        truth[TRUTH.stiffness_1 + i], truth[TRUTH.deflection_1 + i] = stiffness, deflected
+        truth[TRUTH.transmission_torque_1 + i] = torque
+    truth[TRUTH.stiffness], truth[TRUTH.damping] = sigma, damping
+    for i in range(3):
+        angle = speed = nan
+        if _exists(p, has, i):
             quantum, sd = s[S.motor_quantum], s[S.motor_noise]
             if i == 0:
                 quantum, sd = s[S.link_quantum], s[S.link_noise]
-            if full is None:
-                angle, speed = x[i] + p[P.encoder_offset + i], x[3 + i]
+            if has.rest is None:
+                angle, speed = motion[i] + p[P.encoder_offset + i], motion[3 + i]
             else:
                 angle, speed = past(p, x, i)
                 angle, speed = read_motion(p, i, angle, speed)
-            measured[MEASURED.q + i] = _read(angle, sd, max(quantum, p[P.encoder_quantum + i]), x, i)
-            measured[MEASURED.q_velocity + i] = _read(speed, s[S.velocity_noise], 0.0, x, 5 + i)
-    if transmissions == 0:
+            angle = _read(has, angle, sd, max(quantum, p[P.encoder_quantum + i]), x, i)
+            speed = _read(has, speed, s[S.velocity_noise], 0.0, x, 5 + i)
+        measured[MEASURED.q + i], measured[MEASURED.q_velocity + i] = angle, speed
+    if has.spring is None or (has.rest is not None and p[P.transmissions] == 0.0):
         link_torque = dissipated_torque(p, x)
     link_torque = p[P.sensed_gain] * link_torque + p[P.sensed_bias]
-    measured[MEASURED.tau_link] = _read(link_torque, s[S.link_torque_noise], 0.0, x, 8)
+    measured[MEASURED.tau_link] = _read(has, link_torque, s[S.link_torque_noise], 0.0, x, 8)
+
+
+@inlined
+def _spans(p: Array, has: Any, i: int) -> bool:
+    """Whether the joint has transmission i."""
+    if has.rest is not None:
+        return p[P.transmissions] > i
+    return (has.spring is not None and i == 0) or (has.second is not None and i == 1)
 
 
 @bare

@@ -27,7 +27,8 @@ from via_sim.joint.friction import viscous_rate
 from via_sim.joint.layout import DAMPING, MODE
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 from via_sim.joint.phi_functions import phi_functions
-from via_sim.joint.torques import forced, smooth_torques
+from via_sim.joint.structure import EVERYTHING
+from via_sim.joint.torques import forced, motive_torques
 
 # Krogstad's weights of one axis, for velocity and (next column) angle: linear part over half a step and a full step,
 # then weights of the torques N(u_n), N(a), N(b), N(c) in stages a, b, c and in the result (N(a) and N(b) share one).
@@ -85,73 +86,87 @@ def axis_weights(h: Any, k: Any, full: Any, half: Any) -> Any:
 
 @bare
 def _drift(
-    p: Array, x: Array, u: Array, h: float, axis: int, w: float, w_angle: float, full: Any
+    p: Array, has: Any, u: Array, h: float, axis: int, angle: float, velocity: float, w: float, w_angle: float
 ) -> tuple[float, float]:  # fmt: skip
     """Angle and velocity of a motor after h [s] without forced part, or the full motion of a servo."""
-    angle, velocity = x[axis] + w_angle * x[3 + axis], w * x[3 + axis]
-    if full is not None and p[P.axis_kind + axis] == SERVO:
-        angle, velocity = servo_motion(p, axis - 1, x[axis], x[3 + axis], u[axis - 1], h)
-    return angle, velocity
+    if has.rest is not None and p[P.axis_kind + axis] == SERVO:
+        return servo_motion(p, axis - 1, angle, velocity, u[axis - 1], h)
+    return angle + w_angle * velocity, w * velocity
 
 
 @inlined
 def _torques(
-    p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
-    q: float, m1: float, m2: float, w: float, w1: float, w2: float, full: Any,
+    p: Array, has: Any, modes: Array, u: Array, x: Array,
+    q: float, m1: float, m2: float, w: float, w1: float, w2: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """`forced`, part of the step itself where it is short."""
-    if full is None:
-        t0, t1, t2, _, _, _ = smooth_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2, full)
+    if has.rest is None:
+        t0, t1, t2, _, _, _ = motive_torques(p, has, modes, u, x, q, m1, m2, w, w1, w2)
         return t0, t1, t2
-    return forced(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2, full)
+    return forced(p, modes, u, x, q, m1, m2, w, w1, w2)
 
 
-@bare
-def krogstad_step(
-    p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: Array, weights: Array, y: Array, full: Any
-) -> None:
-    """One Krogstad step of h [s] in fixed modes from x into y (9,): motion at the end, velocities at the midpoint."""
-    if not is_for(weights, h, u[DAMPING]):
-        weigh(p, h, u[DAMPING], weights)
-    w0, w1, w2 = weights[:PER_AXIS], weights[PER_AXIS : 2 * PER_AXIS], weights[2 * PER_AXIS : 3 * PER_AXIS]
-    half0, speed0 = x[0] + w0[W.half + 1] * x[3], w0[W.half] * x[3]  # linear part at the midpoint
-    half1, speed1 = _drift(p, x, u, 0.5 * h, 1, w1[W.half], w1[W.half + 1], full)
-    half2, speed2 = _drift(p, x, u, 0.5 * h, 2, w2[W.half], w2[W.half + 1], full)
-    full0, end0 = x[0] + w0[W.full + 1] * x[3], w0[W.full] * x[3]  # linear part at the end
-    full1, end1 = _drift(p, x, u, h, 1, w1[W.full], w1[W.full + 1], full)
-    full2, end2 = _drift(p, x, u, h, 2, w2[W.full], w2[W.full + 1], full)
-    if full is not None and modes[MODE.lags] != 0:
-        supply(p, modes, x, u, 0.0)
-    n0, n1, n2 = _torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5], full)
+@inlined
+def stepped(p: Array, has: Any, x: Array, motion: Any, u: Any, h: float, modes: Array, w: Any) -> Any:
+    """One Krogstad step of h [s] in fixed modes: the motion (6) at the end, then the velocities (3) at the midpoint.
+
+    motion  angles and velocities (6) at the beginning
+    x       state whose elements with memory count
+    w       weights of the three axes, see `W`
+    """
+    q, m1, m2, s0, s1, s2 = motion
+    w0, w1, w2 = w
+    half0, speed0 = q + w0[W.half + 1] * s0, w0[W.half] * s0  # linear part at the midpoint
+    half1, speed1 = _drift(p, has, u, 0.5 * h, 1, m1, s1, w1[W.half], w1[W.half + 1])
+    half2, speed2 = _drift(p, has, u, 0.5 * h, 2, m2, s2, w2[W.half], w2[W.half + 1])
+    full0, end0 = q + w0[W.full + 1] * s0, w0[W.full] * s0  # linear part at the end
+    full1, end1 = _drift(p, has, u, h, 1, m1, s1, w1[W.full], w1[W.full + 1])
+    full2, end2 = _drift(p, has, u, h, 2, m2, s2, w2[W.full], w2[W.full + 1])
+    if has.rest is not None and modes[MODE.lags] != 0:
+        supply(p, has, modes, x, u, 0.0)
+    n0, n1, n2 = _torques(p, has, modes, u, x, q, m1, m2, s0, s1, s2)
     v0, v1, v2 = speed0 + w0[W.a_n] * n0, speed1 + w1[W.a_n] * n1, speed2 + w2[W.a_n] * n2
-    if full is not None and modes[MODE.lags] != 0:
-        supply(p, modes, x, u, 0.5 * h)
+    if has.rest is not None and modes[MODE.lags] != 0:
+        supply(p, has, modes, x, u, 0.5 * h)
     a0, a1, a2 = _torques(
-        p, c1, c2, modes, u, x,
-        half0 + w0[W.a_n + 1] * n0, half1 + w1[W.a_n + 1] * n1, half2 + w2[W.a_n + 1] * n2, v0, v1, v2, full,
+        p, has, modes, u, x,
+        half0 + w0[W.a_n + 1] * n0, half1 + w1[W.a_n + 1] * n1, half2 + w2[W.a_n + 1] * n2, v0, v1, v2,
     )  # fmt: skip
     r0, r1 = speed0 + w0[W.b_n] * n0 + w0[W.b_a] * a0, speed1 + w1[W.b_n] * n1 + w1[W.b_a] * a1
     r2 = speed2 + w2[W.b_n] * n2 + w2[W.b_a] * a2
     b0, b1, b2 = _torques(
-        p, c1, c2, modes, u, x,
+        p, has, modes, u, x,
         half0 + w0[W.b_n + 1] * n0 + w0[W.b_a + 1] * a0, half1 + w1[W.b_n + 1] * n1 + w1[W.b_a + 1] * a1,
-        half2 + w2[W.b_n + 1] * n2 + w2[W.b_a + 1] * a2, r0, r1, r2, full,
+        half2 + w2[W.b_n + 1] * n2 + w2[W.b_a + 1] * a2, r0, r1, r2,
     )  # fmt: skip
-    if full is not None and modes[MODE.lags] != 0:
-        supply(p, modes, x, u, h)
+    if has.rest is not None and modes[MODE.lags] != 0:
+        supply(p, has, modes, x, u, h)
     d0, d1, d2 = _torques(
-        p, c1, c2, modes, u, x,
+        p, has, modes, u, x,
         full0 + w0[W.c_n + 1] * n0 + w0[W.c_b + 1] * b0, full1 + w1[W.c_n + 1] * n1 + w1[W.c_b + 1] * b1,
         full2 + w2[W.c_n + 1] * n2 + w2[W.c_b + 1] * b2,
         end0 + w0[W.c_n] * n0 + w0[W.c_b] * b0, end1 + w1[W.c_n] * n1 + w1[W.c_b] * b1,
-        end2 + w2[W.c_n] * n2 + w2[W.c_b] * b2, full,
+        end2 + w2[W.c_n] * n2 + w2[W.c_b] * b2,
     )  # fmt: skip
-    # For torques linear in time the mean of stages a and b is the exact midpoint velocity; each alone errs by O(h^2).
-    y[6], y[7], y[8] = 0.5 * (v0 + r0), 0.5 * (v1 + r1), 0.5 * (v2 + r2)
-    a0, a1, a2 = a0 + b0, a1 + b1, a2 + b2
-    y[0] = full0 + w0[W.end_n + 1] * n0 + w0[W.end_ab + 1] * a0 + w0[W.end_c + 1] * d0
-    y[1] = full1 + w1[W.end_n + 1] * n1 + w1[W.end_ab + 1] * a1 + w1[W.end_c + 1] * d1
-    y[2] = full2 + w2[W.end_n + 1] * n2 + w2[W.end_ab + 1] * a2 + w2[W.end_c + 1] * d2
-    y[3] = end0 + w0[W.end_n] * n0 + w0[W.end_ab] * a0 + w0[W.end_c] * d0
-    y[4] = end1 + w1[W.end_n] * n1 + w1[W.end_ab] * a1 + w1[W.end_c] * d1
-    y[5] = end2 + w2[W.end_n] * n2 + w2[W.end_ab] * a2 + w2[W.end_c] * d2
+    a0, a1, a2, both0, both1, both2 = a0 + b0, a1 + b1, a2 + b2, v0 + r0, v1 + r1, v2 + r2
+    return (
+        full0 + w0[W.end_n + 1] * n0 + w0[W.end_ab + 1] * a0 + w0[W.end_c + 1] * d0,
+        full1 + w1[W.end_n + 1] * n1 + w1[W.end_ab + 1] * a1 + w1[W.end_c + 1] * d1,
+        full2 + w2[W.end_n + 1] * n2 + w2[W.end_ab + 1] * a2 + w2[W.end_c + 1] * d2,
+        end0 + w0[W.end_n] * n0 + w0[W.end_ab] * a0 + w0[W.end_c] * d0,
+        end1 + w1[W.end_n] * n1 + w1[W.end_ab] * a1 + w1[W.end_c] * d1,
+        end2 + w2[W.end_n] * n2 + w2[W.end_ab] * a2 + w2[W.end_c] * d2,
+        # For torques linear in time the mean of stages a and b is the exact midpoint velocity; each errs by O(h^2).
+        0.5 * both0, 0.5 * both1, 0.5 * both2,
+    )  # fmt: skip
+
+
+@bare
+def krogstad_step(p: Array, x: Array, u: Array, h: float, modes: Array, weights: Array, y: Array) -> None:
+    """One Krogstad step of h [s] in fixed modes from x into y (9,): motion at the end, velocities at the midpoint."""
+    if not is_for(weights, h, u[DAMPING]):
+        weigh(p, h, u[DAMPING], weights)
+    w = weights[:PER_AXIS], weights[PER_AXIS : 2 * PER_AXIS], weights[2 * PER_AXIS : 3 * PER_AXIS]
+    y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8] = stepped(
+        p, EVERYTHING, x, (x[0], x[1], x[2], x[3], x[4], x[5]), u, h, modes, w
+    )

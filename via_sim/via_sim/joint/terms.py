@@ -37,11 +37,11 @@ def call(term: Term, number: int, index: str) -> str:
 _Lines = Callable[[int, Term], Sequence[str]]
 
 
-def _scalar(name: str, arguments: str, place: str, lines: _Lines, end: str, zero: str = "0.0") -> Any:
+def _scalar(name: str, arguments: str, place: str, lines: _Lines, end: str, begin: str = "total = 0.0") -> Any:
     terms = terms_at(place)
     body = [line for number, term in enumerate(terms) for line in lines(number, term)]
     names = {f"term_{number}": inlined(term.equation) for number, term in enumerate(terms)}
-    start = {"axis": [f"total = {zero}"], "input": ["error = slope = 0.0"], "command": [], "error": []}[place]
+    start = {"axis": [begin], "input": ["error = slope = 0.0"], "command": [], "error": []}[place]
     return bare(made(name, arguments, [*start, *body, end], __file__, names))
 
 
@@ -62,11 +62,10 @@ def _counted(number: int, term: Term) -> list[str]:
     """Lines that set whether the term is there, and the number of harmonics up to the last nonzero one."""
     size = getattr(P, term.arguments[0])
     if term.repeats == 1:
-        return ["for axis in range(3):", f"    total |= p[{size} + axis] != 0.0"]
+        return [f"there |= p[{size} + axis] != 0.0"]
     count = f"modes[{_repeated(number)} + axis]"
-    return ["for axis in range(3):", f"    {count} = 0", f"    for k in range({term.repeats}):",
-            f"        if p[{size} + 3 * k + axis] != 0.0:", f"            {count} = k + 1",
-            "            total = True"]  # fmt: skip
+    return [f"{count} = 0", f"for k in range({term.repeats}):", f"    if p[{size} + 3 * k + axis] != 0.0:",
+            f"        {count} = k + 1", "        there = True"]  # fmt: skip
 
 
 def _passed(number: int, term: Term) -> list[str]:
@@ -84,8 +83,8 @@ def _at_input(number: int, term: Term) -> list[str]:
 
 # axis_torque(p, modes, axis, angle, speed): sum [N m] of all terms of an axis
 axis_torque = _scalar("axis_torque", "p, modes, axis, angle, speed", "axis", _added, "return total")
-# count_terms(p, modes): whether any term of an axis is there; number of harmonics into modes
-count_terms = _scalar("count_terms", "p, modes", "axis", _counted, "return total", "False")
+# count_terms(p, modes, axis): whether any term of an axis is there; number of harmonics into modes
+count_terms = _scalar("count_terms", "p, modes, axis", "axis", _counted, "return there", "there = False")
 # saturated(p, axis, torque): commanded torque [N m] that a drive passes on
 saturated = _scalar("saturated", "p, axis, torque", "command", _passed, "return torque")
 # corrected(p, error): error [rad] of its goal that the position drive of the link corrects

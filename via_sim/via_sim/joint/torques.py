@@ -32,50 +32,24 @@ from via_core.spring_equations import (
     spring_torque,
 )
 
-from via_sim.joint.compiled import bare, compiled, inlined
+from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.friction import breakaway, bristle_torque, dry_friction, feels_both_sides, has_friction
-from via_sim.joint.layout import DAMPING, EXTERNAL, FULL, M1, M2, MODE, SMOOTH, STUCK, U, X
-from via_sim.joint.parameters import AT_TRANSMISSION, DYNAMIC, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.joint.layout import DAMPING, EXTERNAL, M1, M2, MODE, SMOOTH, STUCK, U, X
+from via_sim.joint.parameters import AT_TRANSMISSION, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import drive_torque
+from via_sim.joint.structure import EVERYTHING
 from via_sim.joint.terms import axis_torque, count_terms, input_error
-
-
-@compiled
-def spring_coefficients(p: Array) -> tuple[Array, Array]:
-    """Coefficients of the two spring laws, slices of row p."""
-    return p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
-
-
-@bare
-def is_smooth(p: Array, modes: Array) -> bool:
-    """Whether a joint has none of the terms that kernels without FULL lack: modes, memory, servos, encoder errors."""
-    plain = (
-        not count_terms(p, modes)
-        and p[P.link_drive] != POSITION_DRIVE
-        and p[P.lag] <= 0.0
-        and p[P.contact_stiffness] <= 0.0
-    )
-    for i in range(3):
-        plain &= p[P.axis_kind + i] <= DYNAMIC and p[P.skew + i] <= 0.0 and p[P.encoder_harmonics + i] == 0.0
-        plain &= not has_friction(p, i)
-    for i in range(2):
-        plain &= (
-            p[P.input_errors + i] == 0.0
-            and p[P.backlash + i] <= 0.0
-            and p[P.hysteresis_torque + i] <= 0.0
-            and p[P.spring_damping + i] == 0.0
-        )
-    return plain
 
 
 @bare
 def prepare(p: Array, modes: Array) -> None:
     """Set the entries of modes (N_MODES,) that are constant for a parameter row."""
-    rare = count_terms(p, modes) or p[P.contact_stiffness] > 0.0
     for i in range(3):
-        rare |= p[P.bristle_torque + i] > 0.0
+        modes[MODE.rare + i] = count_terms(p, modes, i) or p[P.bristle_torque + i] > 0.0
+        modes[MODE.dry + i] = has_friction(p, i)
+    paired = p[P.contact_stiffness] > 0.0
     for i in range(2):
-        rare |= p[P.hysteresis_torque + i] > 0.0 or p[P.spring_damping + i] != 0.0
+        paired |= p[P.hysteresis_torque + i] > 0.0 or p[P.spring_damping + i] != 0.0
         modes[MODE.coefficients + i] = N_COEFFICIENTS
         while (
             p[P.spring_kind + i] == ODD_POLYNOMIAL
@@ -83,22 +57,24 @@ def prepare(p: Array, modes: Array) -> None:
             and p[P.spring + i * N_COEFFICIENTS + modes[MODE.coefficients + i] - 1] == 0.0
         ):
             modes[MODE.coefficients + i] -= 1
-    modes[MODE.rare], modes[MODE.lags] = rare, p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf
+    modes[MODE.paired], modes[MODE.lags] = paired, p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf
 
 
 @inlined
-def deflection(p: Array, i: int, q: float, motor: float) -> float:
+def deflection(p: Array, has: Any, i: int, q: float, motor: float) -> float:
     """Deflection phi_i [rad] of spring i."""
-    phi = q - motor if p[P.serial] != 0.0 else q - motor - p[P.pretension_offset + i]
-    if p[P.input_errors + i] != 0.0:
+    phi = q - motor
+    if has.adjusted is not None and p[P.serial] == 0.0:
+        phi -= p[P.pretension_offset + i]
+    if has.rest is not None and p[P.input_errors + i] != 0.0:
         phi -= input_error(p, 1 + i, motor)[0]
     return phi
 
 
 @inlined
-def on_motor(p: Array, i: int, motor: float, torque: float, full: Any) -> float:
+def on_motor(p: Array, has: Any, i: int, motor: float, torque: float) -> float:
     """Torque [N m] of spring i on its motor, by virtual work with an error at the input of the transmission."""
-    if full is not None and p[P.input_errors + i] != 0.0:
+    if has.rest is not None and p[P.input_errors + i] != 0.0:
         return torque * (1.0 + input_error(p, 1 + i, motor)[1])
     return torque
 
@@ -123,51 +99,79 @@ def _hardened(hardening: float, phi: float, stop: float) -> float:
 
 
 @inlined
-def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, flank: int, factor: float) -> float:
+def transmission_torque(
+    p: Array, has: Any, modes: Array, i: int, phi: float, preset: float, flank: int, factor: float
+) -> float:  # fmt: skip
     """tau_e,i [N m] at deflection phi; `flank` is 0 inside the backlash gap, else its side -1 or +1."""
-    gap = p[P.backlash + i]
-    if gap > 0.0:
-        if flank == 0:
-            return 0.0
-        phi -= flank * 0.5 * gap
-    if p[P.spring_hardening + i] != 0.0:
-        factor *= _hardened(p[P.spring_hardening + i], phi, p[P.stop + i])
-    return factor * spring_law(p, c, i, phi, preset)
+    if has.rest is not None:
+        gap = p[P.backlash + i]
+        if gap > 0.0:
+            if flank == 0:
+                return 0.0
+            phi -= flank * 0.5 * gap
+        if p[P.spring_hardening + i] != 0.0:
+            factor *= _hardened(p[P.spring_hardening + i], phi, p[P.stop + i])
+    torque = spring_law(p, has, modes[MODE.coefficients + i], i, phi, preset)
+    return torque if has.adjusted is None else factor * torque
 
 
 @inlined
-def spring_law(p: Array, c: Array, i: int, phi: float, preset: float) -> float:
+def spring_law(p: Array, has: Any, count: int, i: int, phi: float, preset: float) -> float:
     """Spring law i at phi [rad]; beyond the stop its tangent, because it may overflow or end there."""
-    kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
+    stop = p[P.stop + i] if has.rest is not None else has.stops[i]
+    inside = 0.0  # of a polynomial, computed once for a step and the measurement before it
+    if has.curves is None:
+        inside = odd_polynomial(has.polynomials[i], phi)
     if abs(phi) > stop:
         edge = copysign(stop, phi)
-        slope = max(spring_stiffness(kind, c, edge, preset), 0.0)
-        return spring_torque(kind, c, edge, preset) + slope * (phi - edge)
-    return odd_polynomial(c, phi) if kind == ODD_POLYNOMIAL else spring_torque(kind, c, phi, preset)
+        slope = max(_law_stiffness(p, has, count, i, edge, preset), 0.0)
+        return _law_torque(p, has, count, i, edge, preset) + slope * (phi - edge)
+    return inside if has.curves is None else _law_torque(p, has, count, i, phi, preset)
 
 
 @inlined
-def transmission_stiffness(p: Array, c: Array, i: int, phi: float, preset: float, factor: float) -> float:
+def _law_torque(p: Array, has: Any, count: int, i: int, phi: float, preset: float) -> float:
+    """Torque [N m] of spring law i."""
+    if has.curves is None:
+        return odd_polynomial(has.polynomials[i], phi)
+    kind, first = int(p[P.spring_kind + i]), P.spring + i * N_COEFFICIENTS
+    if kind == ODD_POLYNOMIAL:
+        return odd_polynomial(p[first : first + count], phi)
+    return spring_torque(kind, p[first : first + N_COEFFICIENTS], phi, preset)
+
+
+@inlined
+def _law_stiffness(p: Array, has: Any, count: int, i: int, phi: float, preset: float) -> float:
+    """Stiffness [N m/rad] of spring law i."""
+    if has.curves is None:
+        return polynomial_slope(has.polynomials[i], phi)
+    kind, first = int(p[P.spring_kind + i]), P.spring + i * N_COEFFICIENTS
+    if kind == ODD_POLYNOMIAL:
+        return polynomial_slope(p[first : first + count], phi)
+    return spring_stiffness(kind, p[first : first + N_COEFFICIENTS], phi, preset)
+
+
+@inlined
+def transmission_stiffness(
+    p: Array, has: Any, modes: Array, i: int, phi: float, preset: float, factor: float
+) -> float:  # fmt: skip
     """Stiffness sigma_i [N m/rad] at deflection phi."""
-    gap = p[P.backlash + i]
-    if gap > 0.0:
+    if has.rest is not None and p[P.backlash + i] > 0.0:
+        gap = p[P.backlash + i]
         if abs(phi) < 0.5 * gap:
             return 0.0
         phi -= copysign(0.5 * gap, phi)
-    kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
+    stop, count = p[P.stop + i], modes[MODE.coefficients + i]
     edge = copysign(stop, phi) if abs(phi) > stop else phi
-    if kind == ODD_POLYNOMIAL:
-        slope = polynomial_slope(c, edge)
-    else:
-        slope = spring_stiffness(kind, c, edge, preset)
+    slope = _law_stiffness(p, has, count, i, edge, preset)
     if abs(phi) > stop:
         slope = max(slope, 0.0)
     hardening = p[P.spring_hardening + i]
-    if hardening != 0.0:
+    if has.rest is not None and hardening != 0.0:
         share = _hardened(hardening, phi, stop)
         if share == 0.0:
             return 0.0
-        torque = spring_torque(kind, c, edge, preset) + slope * (phi - edge)
+        torque = _law_torque(p, has, count, i, edge, preset) + slope * (phi - edge)
         return factor * (slope * share + 2.0 * hardening * phi * torque)
     return factor * slope
 
@@ -188,7 +192,7 @@ def contact_torque(p: Array, q: float, w: float) -> float:
     return -side * max(push, 0.0)
 
 
-@bare
+@inlined
 def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, speed: float) -> float:
     """Rare torques [N m] of one axis: terms of the catalogue, and the bristle."""
     torque = axis_torque(p, modes, axis, angle, speed)
@@ -197,10 +201,10 @@ def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, spee
     return torque
 
 
-@bare
+@inlined
 def motive_torques(
-    p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
-    q: float, m1: float, m2: float, w: float, w1: float, w2: float, full: Any,
+    p: Array, has: Any, modes: Array, u: Array, x: Array,
+    q: float, m1: float, m2: float, w: float, w1: float, w2: float,
 ) -> tuple[float, float, float, float, float, float]:  # fmt: skip
     """Torque [N m] on link, motor 1 and motor 2 without their own friction; then the loads on them, see friction.py.
 
@@ -209,30 +213,35 @@ def motive_torques(
     """
     link, first, second = u[EXTERNAL], u[M1], u[M2]
     load, load1, load2 = link - u[U.beside], 0.0, 0.0
-    if full is not None and p[P.link_drive] == POSITION_DRIVE:
+    if has.rest is not None and p[P.link_drive] == POSITION_DRIVE:
         load = drive_torque(p, u[U.acting], u[U.on], q)
         link, load = link + load, load - u[U.on] * p[P.drive_damping] * w
-    if p[P.gravity_torque] != 0.0:
+    if has.gravity is not None and p[P.gravity_torque] != 0.0:
         link -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])
-    if p[P.transmissions] > 0.0:
-        phi, preset = deflection(p, 0, q, m1), preset_of(p, 0, m1, m2)
-        torque = transmission_torque(p, c1, 0, phi, preset, modes[MODE.flank], u[U.spring])
+    if has.spring is not None and (has.rest is None or p[P.transmissions] > 0.0):
+        phi, preset = deflection(p, has, 0, q, m1), preset_of(p, 0, m1, m2)
+        torque = transmission_torque(p, has, modes, 0, phi, preset, modes[MODE.flank], u[U.spring])
         link -= torque
-        load, load1 = -torque, on_motor(p, 0, m1, torque, full)
+        load, load1 = -torque, on_motor(p, has, 0, m1, torque)
         first += load1
-    if p[P.transmissions] > 1.0:
-        phi, preset = deflection(p, 1, q, m2), preset_of(p, 1, m1, m2)
-        torque = transmission_torque(p, c2, 1, phi, preset, modes[MODE.flank + 1], u[U.spring + 1])
+    if has.second is not None and (has.rest is None or p[P.transmissions] > 1.0):
+        phi, preset = deflection(p, has, 1, q, m2), preset_of(p, 1, m1, m2)
+        torque = transmission_torque(p, has, modes, 1, phi, preset, modes[MODE.flank + 1], u[U.spring + 1])
         link -= torque
-        load, load2 = load - torque, on_motor(p, 1, m2, torque, full)
+        load, load2 = load - torque, on_motor(p, has, 1, m2, torque)
         second += load2
-    if p[P.damper_site] == AT_TRANSMISSION:  # at transmission 1; the diagonal part is in `viscous_rate`
+    if has.damper is not None and p[P.damper_site] == AT_TRANSMISSION:
+        # at transmission 1; the diagonal part is in `viscous_rate`
         link += u[DAMPING] * w1
         first += u[DAMPING] * w
-    if full is not None and modes[MODE.rare] != 0:
-        link += _rare_torque(p, modes, x, 0, q, w)
-        first += _rare_torque(p, modes, x, 1, m1, w1)
-        second += _rare_torque(p, modes, x, 2, m2, w2)
+    if has.rest is not None:
+        if modes[MODE.rare] != 0:
+            link += _rare_torque(p, modes, x, 0, q, w)
+        if modes[MODE.rare + 1] != 0:
+            first += _rare_torque(p, modes, x, 1, m1, w1)
+        if modes[MODE.rare + 2] != 0:
+            second += _rare_torque(p, modes, x, 2, m2, w2)
+    if has.rest is not None and modes[MODE.paired] != 0:
         if modes[MODE.touch] != 0:
             link += contact_torque(p, q, w)
         d1, d2 = p[P.spring_damping], p[P.spring_damping + 1]
@@ -245,9 +254,6 @@ def motive_torques(
         first += d1 * w + h1
         second += d2 * w + h2
     return link, first, second, load, load1, load2
-
-
-smooth_torques = inlined(motive_torques.py_func)
 
 
 @bare
@@ -269,45 +275,40 @@ def counter_torque(p: Array, modes: Array, u: Array, axis: int, q: float, w: flo
 
 
 @bare
-def find_modes(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array) -> None:
+def find_modes(p: Array, x: Array, u: Array, modes: Array) -> None:
     """Modes of state x into modes (N_MODES,), after `prepare`."""
-    seek_modes(p, c1, c2, x, u, modes, FULL)
-
-
-@bare
-def seek_modes(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array, full: Any) -> None:
-    """`find_modes` in a kernel with or without the rare groups of terms."""
     modes[MODE.switches] = 0
     for i in range(2):
         half = 0.5 * p[P.backlash + i]
         if half > 0.0:
-            phi = deflection(p, i, x[0], x[1 + i])
+            phi = deflection(p, EVERYTHING, i, x[0], x[1 + i])
             modes[MODE.flank + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
             modes[MODE.switches] = 1
-    if full is not None:
-        for i in range(2):
-            level, held = p[P.hysteresis_torque + i], x[X.hysteresis + i]
-            if level > 0.0:
-                slips = abs(held) >= level and held * (x[3] - x[4 + i]) > 0.0
-                modes[MODE.slip + i] = (1 if held > 0.0 else -1) if slips else 0
-                modes[MODE.switches] = 1
-        if p[P.contact_stiffness] > 0.0:
-            depth = p[P.contact_side] * (x[0] - p[P.contact_angle])
-            modes[MODE.touch] = depth > 0.0 or (depth == 0.0 and p[P.contact_side] * x[3] > 0.0)
+    for i in range(2):
+        level, held = p[P.hysteresis_torque + i], x[X.hysteresis + i]
+        if level > 0.0:
+            slips = abs(held) >= level and held * (x[3] - x[4 + i]) > 0.0
+            modes[MODE.slip + i] = (1 if held > 0.0 else -1) if slips else 0
             modes[MODE.switches] = 1
+    if p[P.contact_stiffness] > 0.0:
+        depth = p[P.contact_side] * (x[0] - p[P.contact_angle])
+        modes[MODE.touch] = depth > 0.0 or (depth == 0.0 and p[P.contact_side] * x[3] > 0.0)
+        modes[MODE.switches] = 1
     for i in range(3):
         modes[i] = SMOOTH
-        if has_friction(p, i):
+        if modes[MODE.dry + i] != 0:
             modes[i] = STUCK
             modes[MODE.switches] = 1
     if modes[MODE.switches] != 0:
-        t = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5], full)
+        t = motive_torques(p, EVERYTHING, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
         for i in range(3):
             if modes[i] != SMOOTH:
                 if x[3 + i] != 0.0:
                     modes[i] = 1 if x[3 + i] > 0.0 else -1
                     continue
-                counter = counter_torque(p, modes, u, i, x[0], x[3])
+                counter = 0.0
+                if feels_both_sides(p, i):
+                    counter = counter_torque(p, modes, u, i, x[0], x[3])
                 if t[i] > breakaway(p, i, 1, t[3 + i], counter):
                     modes[i] = 1
                 elif -t[i] > breakaway(p, i, -1, t[3 + i], counter):
@@ -323,18 +324,20 @@ def _driven(
     if mode == STUCK:
         return 0.0
     if mode != SMOOTH:
-        counter = counter_torque(p, modes, u, axis, q, w)
+        counter = 0.0
+        if feels_both_sides(p, axis):
+            counter = counter_torque(p, modes, u, axis, q, w)
         torque -= mode * dry_friction(p, axis, mode, mode * speed, load, counter)
     return torque
 
 
 @bare
 def forced(
-    p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
-    q: float, m1: float, m2: float, w: float, w1: float, w2: float, full: Any,
+    p: Array, modes: Array, u: Array, x: Array,
+    q: float, m1: float, m2: float, w: float, w1: float, w2: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Torque [N m] on each axis without its viscous friction, which the exponential integrator covers."""
-    t0, t1, t2, l0, l1, l2 = motive_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2, full)
+    t0, t1, t2, l0, l1, l2 = motive_torques(p, EVERYTHING, modes, u, x, q, m1, m2, w, w1, w2)
     return (
         _driven(p, modes, u, 0, t0, w, l0, q, w),
         _driven(p, modes, u, 1, t1, w1, l1, q, w),
@@ -343,22 +346,24 @@ def forced(
 
 
 @bare
-def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, modes: Array, full: Any) -> float:
+def violation(p: Array, x: Array, y: Array, u: Array, modes: Array) -> float:
     """Violation of the modes by state y, reached from x: > 0 outside; continuous in y."""
     worst = -inf
-    t = motive_torques(p, c1, c2, modes, u, x, y[0], y[1], y[2], y[3], y[4], y[5], full)
+    t = motive_torques(p, EVERYTHING, modes, u, x, y[0], y[1], y[2], y[3], y[4], y[5])
     for i in range(3):
         if modes[i] == STUCK:
-            load, counter = t[3 + i], counter_torque(p, modes, u, i, y[0], y[3])
+            load, counter = t[3 + i], 0.0
+            if feels_both_sides(p, i):
+                counter = counter_torque(p, modes, u, i, y[0], y[3])
             worst = max(worst, t[i] - breakaway(p, i, 1, load, counter), -t[i] - breakaway(p, i, -1, load, counter))
         elif modes[i] != SMOOTH:
             worst = max(worst, -modes[i] * y[3 + i])
     for i in range(2):
         half = 0.5 * p[P.backlash + i]
         if half > 0.0:
-            phi, flank = deflection(p, i, y[0], y[1 + i]), modes[MODE.flank + i]
+            phi, flank = deflection(p, EVERYTHING, i, y[0], y[1 + i]), modes[MODE.flank + i]
             worst = max(worst, abs(phi) - half if flank == 0 else half - flank * phi)
-    if full is not None and modes[MODE.rare] != 0:
+    if modes[MODE.paired] != 0:
         for i in range(2):
             level, slip = p[P.hysteresis_torque + i], modes[MODE.slip + i]
             if level > 0.0:

@@ -23,6 +23,7 @@ from via_sim.joint.parameters import (
 )
 from via_sim.joint.position_drive import drive_torque
 from via_sim.joint.step import PER_AXIS
+from via_sim.joint.structure import EVERYTHING
 from via_sim.joint.torques import deflection
 from via_sim.lockstep.block import COPIED, R, Terms, Z
 from via_sim.lockstep.pack import get, put
@@ -121,7 +122,7 @@ def load_state(p: Array, x: Array, late: int, z: Array, lane: int) -> None:
     last = queued_at(x, int(x[X.tick]) % ((x.size - X.queue) // QUEUED), late + 1)
     z[Z.behind, lane], z[Z.target, lane], z[Z.power, lane] = x[X.behind], x[last + GOAL], x[last + POWER] > 0.5
     for i in range(2):
-        phi, half = deflection(p, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
+        phi, half = deflection(p, EVERYTHING, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
         z[Z.flank + i, lane] = 0.0 if half <= 0.0 or abs(phi) < half else (1.0 if phi > 0.0 else -1.0)
         level = p[P.hysteresis_torque + i]
         torque = x[X.hysteresis + i] if level > 0.0 else 0.0
@@ -223,9 +224,9 @@ def terms_of(rows: Array) -> Terms:
 
 @bare
 def is_simple(terms: Terms) -> bool:
-    """Whether a block has springs with odd polynomials, gravity, a damper and dry friction at most."""
-    kinds = terms.kinds
-    return terms.rare == 0 and terms.gaps == 0 and kinds[0] == kinds[1] == ODD_POLYNOMIAL
+    """Whether a block has polynomial springs, gravity, a damper, dry friction and terms of the catalogue at most."""
+    kinds, rest = terms.kinds, terms.rare & ((1 << R.terms) - 1)
+    return rest == 0 and terms.gaps == 0 and kinds[0] == kinds[1] == ODD_POLYNOMIAL
 
 
 @bare

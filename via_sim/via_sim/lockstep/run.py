@@ -11,7 +11,7 @@ from via_core.signals import Array
 from via_sim.joint.compiled import bare, compiled
 from via_sim.joint.encoders import true_motion
 from via_sim.joint.kernel import advance_tick, begin, queued_at
-from via_sim.joint.layout import EXTERNAL, FULL, HISTORY, MODE, N_COMMANDS, N_INPUTS, N_MODES, QUEUED, X
+from via_sim.joint.layout import EXTERNAL, HISTORY, MODE, N_COMMANDS, N_INPUTS, N_MODES, QUEUED, X
 from via_sim.joint.measurements import record, sense
 from via_sim.joint.parameters import NO_DAMPER, POSITION_DRIVE, P
 from via_sim.joint.step import N_WEIGHTS
@@ -109,7 +109,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                 for i in range(N_COMMANDS):
                     put_one(z, Z.command + i, lane, command[i])
             put(z, Z.external, get(z, Z.command + EXTERNAL))
-            for row in range(Z.at - Z.before if terms.rare != 0 else 6):
+            for row in range(6 if simple else Z.at - Z.before):
                 put(z, Z.before + row, get(z, Z.start + row))
             put(z, Z.margin, get(z, Z.joins))
             if terms.rare >> R.goal & 1:
@@ -131,7 +131,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                     if simple:
                         step(z, runs.rows, terms, sticks, None)
                     else:
-                        step(z, runs.rows, terms, sticks, FULL)
+                        step(z, runs.rows, terms, sticks, True)
             if terms.rare >> R.goal & 1:
                 leave_goals(z)
         left_out = together < count or any_above(choose(get(z, Z.margin), 0.0, get(z, Z.joins)), 0.0)

@@ -22,7 +22,7 @@ def step(z: Array, rows: Array, terms: Terms, sticks: bool, full: Any) -> None:
 
     rows    (K, N_PARAMETERS) of the lanes
     sticks  whether an axis sticks in any lane
-    full    FULL, or None without the terms that a block which `is_simple` lacks
+    full    True, or None without the terms that a block which `is_simple` lacks
     """
     axes, friction, rare = terms.axes, terms.friction, terms.rare
     for row in range(6):

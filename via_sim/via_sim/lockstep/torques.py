@@ -10,6 +10,7 @@ from via_core.spring_equations import EXPONENTIAL, MACCEPA, N_COEFFICIENTS, ODD_
 
 from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.parameters import P
+from via_sim.joint.structure import EVERYTHING
 from via_sim.joint.torques import preset_of, spring_law
 from via_sim.lockstep.block import R, Terms, Z
 from via_sim.lockstep.goals import read_link
@@ -25,7 +26,7 @@ def torques(z: Array, rows: Array, out: int, terms: Terms, sticks: bool, full: A
 
     rows    (K, N_PARAMETERS) of the lanes
     sticks  whether an axis sticks in any lane
-    full    FULL, or None without the terms that a block which `is_simple` lacks
+    full    True, or None without the terms that a block which `is_simple` lacks
     """
     if full is None:
         _simple_torques(z, rows, out, terms, sticks, full)
@@ -54,6 +55,8 @@ def _all_torques(z: Array, rows: Array, out: int, terms: Terms, sticks: bool, fu
     put(z, out + 2, second)
     if full is not None and terms.rare != 0:
         _add_rare_torques(z, terms.axes, out, terms.rare)
+    if full is None and terms.rare != 0:
+        add_terms(z, terms.axes, out, terms.rare)
     for axis in range(terms.axes):
         if terms.friction >> axis & 1:
             _add_friction(z, axis, out, terms, sticks)
@@ -194,9 +197,8 @@ def _each_law(z: Array, rows: Array, i: int, phi: Any) -> Any:
     put(z, Z.spring_torque + i, phi)
     for lane in range(LANES):
         p, at = rows[min(lane, len(rows) - 1)], z[Z.spring_torque + i, lane]
-        c = p[P.spring + i * N_COEFFICIENTS : P.spring + (i + 1) * N_COEFFICIENTS]
         preset = preset_of(p, i, z[Z.at + 1, lane], z[Z.at + 2, lane])
-        z[Z.spring_torque + i, lane] = spring_law(p, c, i, at, preset)
+        z[Z.spring_torque + i, lane] = spring_law(p, EVERYTHING, N_COEFFICIENTS, i, at, preset)
     return get(z, Z.spring_torque + i)
 
 

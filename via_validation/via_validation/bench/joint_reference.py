@@ -1,4 +1,4 @@
-"""The joint of `simulator` in plain C, compiled if a compiler is found: one joint, many lanes, and the table."""
+"""Joints in plain C, compiled if a compiler is found: one joint, one with five effects, many lanes, and the table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
-from ctypes import c_long
+from ctypes import c_double, c_long
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -16,11 +16,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from via_core.signals import Array
-from via_sim.joint.parameters import P
+from via_sim.joint.parameters import LINK, MOTOR_1, P
 from via_sim.joint.step import N_WEIGHTS, PER_AXIS, weigh
 
 from via_validation.bench.timing import Contender, take_turns
 
+SOURCES = ("joint_reference.c", "friction_reference.c")
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
 LANES = 16  # of the C code
 TURNS = 9
@@ -34,12 +35,14 @@ def build() -> ctypes.CDLL | None:
         return None
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "joint_reference.so"
-        with as_file(files("via_validation.bench") / "joint_reference.c") as source:
-            subprocess.run([*words, *FLAGS, str(source), "-o", str(target)], check=True)
+        with as_file(files("via_validation.bench")) as here:
+            sources = [str(here / name) for name in SOURCES]
+            subprocess.run([*words, *FLAGS, *sources, "-lm", "-o", str(target)], check=True)
         library = ctypes.CDLL(str(target))
     library.joint.argtypes = [DOUBLES, c_long, c_long, DOUBLES, DOUBLES, DOUBLES]
     library.lanes.argtypes = [DOUBLES, c_long, c_long, DOUBLES, DOUBLES, DOUBLES, c_long, DOUBLES]
-    library.joint.restype = library.lanes.restype = None
+    library.rubbing.argtypes = [DOUBLES, c_long, c_long, c_long, c_double, DOUBLES, DOUBLES]
+    library.joint.restype = library.lanes.restype = library.rubbing.restype = None
     return library
 
 
@@ -49,6 +52,26 @@ def reference_run(library: ctypes.CDLL, row: Array, motor: Array) -> Callable[[]
 
     def run() -> Array:
         library.joint(motor, len(motor), int(row[P.substeps]), weights, row[P.spring : P.spring + 2], out)
+        return out
+
+    return run
+
+
+def friction_run(library: ctypes.CDLL, row: Array, motor: Array) -> Callable[[], Array]:
+    """Simulation of the joint with the effects `simulator.FIVE` under motor torques (N, 2): angles (N, 3) [rad]."""
+    first, link = MOTOR_1, LINK
+    constants = [
+        *row[P.spring : P.spring + 2],
+        *(row[slot + first] for slot in (P.ripple_amplitude, P.ripple_order, P.ripple_phase)),
+        *(row[slot + link] for slot in (P.quadratic_drag, P.breakaway_friction, P.kinetic_friction)),
+        row[P.stribeck_velocity + link],
+        row[P.kinetic_friction + first],
+        *(row[slot + axis] for slot in (P.inertia, P.viscous_friction) for axis in (link, first)),
+    ]
+    late, given, out = round(row[P.delay] / row[P.tick]), np.array(constants), np.empty((len(motor), 3))
+
+    def run() -> Array:
+        library.rubbing(motor, len(motor), int(row[P.substeps]), late, row[P.tick], given, out)
         return out
 
     return run

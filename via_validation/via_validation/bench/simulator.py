@@ -5,7 +5,7 @@ hold. The reference of all errors is this simulator with 64 times finer steps; t
 differ from it by 1e-12 rad. MuJoCo simulates the same joint: three hinges, two fixed tendons with polynomial stiffness,
 no contacts, no constraints; each of its integrators at steps of 1 ms and below. For each target accuracy the fastest
 setting of a contender that reaches it counts. In addition, the stiff cubic joint of the document is compared with a 20
-times finer integration and with DOP853, and the kernel with plain C: the same steps, written for this joint alone.
+times finer integration and with DOP853, and the kernel with plain C: the same steps and events, for one joint alone.
 
 Prints a table and writes out/bench/simulator.json. Times [s] are the minimum of several runs, one thread each.
 """
@@ -43,6 +43,8 @@ from via_validation.bench.timing import Contender
 RATE = 1000.0  # [Hz]
 TICKS = 3000
 TARGETS = (1e-4, 1e-6)  # [rad]
+STIFF = 40.0  # size of the torques of excitation E1 of the document, see `torques`
+SAME = 1e-9  # [rad] difference of the C reference: order of additions, fused multiplications
 M, Dq, B, Dth = 0.02, 0.05, 0.01, 0.3
 DEVICE = parse_device(
     f"""
@@ -83,7 +85,7 @@ class Row:
 
 
 def torques(ticks: int, size: float = 2.0) -> Array:
-    """Motor torques (ticks, 2) [N m] with a smooth start."""
+    """Motor torques (ticks, 2) [N m] with a smooth start and amplitudes of half the size."""
     t = np.arange(ticks) / RATE
     ramp = np.where(t < 0.3, 0.5 - 0.5 * np.cos(np.pi * t / 0.3), 1.0)
     shape = np.stack([3.0 + np.sin(2.0 * np.pi * 0.5 * t), -3.0 - np.sin(2.0 * np.pi * 0.8 * t)], axis=1)
@@ -102,13 +104,22 @@ def best(work: Callable[[], Array], repeats: int) -> tuple[Array, float]:
 
 def ours(plant: JointPlant, motor: Array, finer: float = 1.0) -> Array:
     """Angles (N, 3) from this simulator with `finer` times its usual number of substeps."""
-    row = plant.at_rate(RATE)
+    return prepared(plant, motor, finer)()
+
+
+def prepared(plant: JointPlant, motor: Array, finer: float = 1.0) -> Callable[[], Array]:
+    """The run of `ours`, for which memory and parameters are there."""
+    row, sensors, start = plant.at_rate(RATE), IDEAL.row(), initial_state(plant, RATE, None, 0)
     row[P.substeps] *= finer
     commands = np.zeros((len(motor), N_COMMANDS))
     commands[:, :2] = motor
-    truth = np.empty((len(motor) + 1, 16))
-    run(row, IDEAL.row(), initial_state(plant, RATE, None, 0), commands, np.empty((len(motor) + 1, 9)), truth)
-    return truth[1:, :3]
+    measured, truth = np.empty((len(motor) + 1, 9)), np.empty((len(motor) + 1, 16))
+
+    def work() -> Array:
+        run(row, sensors, start.copy(), commands, measured, truth)
+        return truth[1:, :3]
+
+    return work
 
 
 def mujoco_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
@@ -198,11 +209,7 @@ def fastest(rows: list[Row], target: float) -> Row | None:
 def stiff() -> dict[str, float]:
     """Errors [rad] and time [s] of the document's cubic joint under excitation E1 for ten seconds."""
     device = load_device("cubic_aa_vsa")
-    plant, motor = JointPlant.from_device(device), torques(10_000, 1.0)
-    t = np.arange(10_000) / RATE
-    ramp = np.where(t < 0.3, 0.5 - 0.5 * np.cos(np.pi * t / 0.3), 1.0)
-    motor[:, 0] = ramp * (60.0 + 20.0 * np.sin(2.0 * np.pi * 0.5 * t))
-    motor[:, 1] = -ramp * (60.0 + 20.0 * np.sin(2.0 * np.pi * 0.8 * t))
+    plant, motor = JointPlant.from_device(device), torques(10_000, STIFF)
     angles, seconds = best(lambda: ours(plant, motor), 3)
     finer = float(np.max(np.abs(angles - ours(plant, motor, 20.0))))
     x, worst = np.zeros(6), 0.0
@@ -217,20 +224,25 @@ def stiff() -> dict[str, float]:
 
 
 def speed_beside_c(console: Console, plant: JointPlant, motor: Array) -> dict[str, float]:
-    """Speed of the kernel relative to C with the same substeps; without a compiler nothing."""
-    library = joint_reference.build()
+    """Speed of the kernel relative to C that simulates the same joint with the same steps; without a compiler nothing.
+
+    Raises AssertionError where the angles of both differ.
+    """
+    library, speeds = joint_reference.build(), {}
     if library is None:
         return {}
-    loaded = plant.with_effects(FIVE)
-    return joint_reference.beside_c(
-        console,
-        "One joint beside plain C without effects, same substeps, one thread",
-        Contender(len(motor), joint_reference.reference_run(library, plant.at_rate(RATE), motor)),
-        {
-            "without effects": Contender(len(motor), lambda: ours(plant, motor)),
-            "five effects, dry friction": Contender(len(motor), lambda: ours(loaded, motor)),
-        },
-    )
+    cubic, alone = JointPlant.from_device(load_device("cubic_aa_vsa")), joint_reference.reference_run
+    for name, each, given, reference in (
+        ("without effects", plant, motor, alone),
+        ("stiff cubic joint", cubic, torques(len(motor), STIFF), alone),
+        ("five effects", plant.with_effects(FIVE), motor, joint_reference.friction_run),
+    ):
+        run = reference(library, each.at_rate(RATE), given)
+        assert np.max(np.abs(run() - ours(each, given))) < SAME, name
+        contenders = {"via_sim": Contender(len(given), prepared(each, given))}
+        title = f"One joint, {name}, beside plain C: same substeps, one thread"
+        speeds[name] = joint_reference.beside_c(console, title, Contender(len(given), run), contenders)["via_sim"]
+    return speeds
 
 
 def main() -> None:
