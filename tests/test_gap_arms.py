@@ -18,8 +18,11 @@ from via_gap.report.report import read_report
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
+from via_gap.run.arm_body import BodyError
+from via_gap.run.arm_cause import find_cause, read_cause, with_cause
+from via_gap.run.arm_gravity import Gravity, with_gravity
 from via_gap.run.arm_model import Arm, load_arm
-from via_gap.run.arm_payload import Payload, find_payload, read_payload, with_payload
+from via_gap.run.arm_payload import Payload, read_payload, with_payload
 from via_gap.run.arms import arm_logs, read_arm_log
 from via_sim.effects import Effect
 
@@ -129,11 +132,45 @@ def mounted(link: str, mass: float, *position: float) -> Payload:
     return Payload(link, (), mass, 0.0, (x, y, z), (0.0, 0.0, 0.0), 1.0)
 
 
+def test_a_wrong_centre_of_mass_is_a_wrong_body_and_no_payload(arm: Arm) -> None:
+    moment = 0.08  # [kg m] across the elbow's body
+    planted = BodyError("dfki_elbow", (), (0.0, moment, *8 * [0.0]), 10 * (0.0,), 1.0)
+    found = find_cause(arm, [moved(arm, 40.0, bodies=with_cause(arm, planted))])
+    assert isinstance(found, BodyError) and (found.link, found.tied) == ("dfki_elbow", ())
+    assert found.numbers[1] == pytest.approx(moment, abs=max(4.0 * found.numbers_sd[1], 0.002))
+    assert "not that of the model" in found.text()
+
+
+def pulled(*gravity: float) -> Gravity:
+    x, y, z = gravity
+    return Gravity((x, y, z), (0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (), 1.0)
+
+
+@pytest.mark.parametrize("degrees", [4.0, -4.0])
+def test_a_tilted_base_is_found_from_all_joints_together(arm: Arm, degrees: float) -> None:
+    """No torque depends on gravity along y, the direction of both axes."""
+    angle = np.radians(degrees)
+    planted = pulled(9.81 * np.sin(angle), 0.0, -9.81 * np.cos(angle))
+    found = find_cause(arm, [moved(arm, 40.0, bodies=with_gravity(arm, planted))])
+    assert isinstance(found, Gravity) and not found.absent and "Check how the base is mounted" in found.text()
+    for value, sd, true in zip(found.gravity, found.gravity_sd, planted.gravity, strict=True):
+        assert abs(value - true) < max(4.0 * sd, 0.02)
+    assert np.degrees(found.tilt) == pytest.approx(4.0, abs=0.2) and found.gravity_sd[1] > 10.0
+
+
+def test_gravity_that_the_controller_subtracted_is_absent(arm: Arm, tmp_path: Path) -> None:
+    found = find_cause(arm, [moved(arm, 40.0, bodies=with_gravity(arm, pulled(0.0, 0.0, 0.0)))])
+    assert isinstance(found, Gravity) and found.absent and "absent from the recorded torques" in found.text()
+    (file := tmp_path / "report_gravity.json").write_text(json.dumps(asdict(found)))
+    assert read_cause(file) == found
+    assert np.linalg.norm(with_cause(arm, found).model.gravity.linear) < 0.2
+
+
 @pytest.mark.parametrize("position", [(0.0, 0.0, -0.2), (0.05, 0.0, -0.2)])
 def test_a_payload_is_found_from_all_joints_together(arm: Arm, position: tuple[float, float, float]) -> None:
     """Beside friction of both joints, which each joint can explain alone; no torque depends on y, along the axes."""
     planted = mounted("dfki_elbow", 0.3, *position)
-    found = find_payload(arm, [moved(arm, 40.0, bodies=with_payload(arm, planted))])
+    found = find_cause(arm, [moved(arm, 40.0, bodies=with_payload(arm, planted))])
     assert found is not None and found.link == "dfki_elbow" and not found.tied and found.explained > 0.9
     assert found.mass == pytest.approx(0.3, abs=3.0 * found.mass_sd) and found.mass_sd < 0.005
     assert found.position_sd[1] == pytest.approx(1.0, rel=1e-3)
@@ -156,7 +193,7 @@ def test_joints_are_diagnosed_with_the_payload_and_their_gap_comes_again_with_it
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0 and done.output.startswith("Payload at dfki_elbow: mass 0.3"), done.output
     report = read_report((tmp_path / f"report_{name}.json").read_text(), "report")
-    assert (report.causes[0].effect, report.verdict) == ("coulomb_friction", "main_effect") and report.gap is not None
+    assert (report.causes[0].effect, report.verdict) == ("coulomb_friction", "effect") and report.gap is not None
     assert report.causes[0].parameters["torque"].value == pytest.approx(FRICTION[1], rel=0.1)
     words = ["gap", "simulate", held, "--arm", arm.name, "--device", name, "--json", str(tmp_path / "again.json")]
     words += ["--report", str(tmp_path / f"report_{name}.json")]
@@ -202,7 +239,7 @@ def test_the_least_of_several_minima_is_found(arm: Arm, position: tuple[float, f
         JointLog("wave", device, Signals(time, {"q": read[:, i], "tau": drive[:, [i]]}, units), None)
         for i, device in enumerate(bodies.devices)
     ]
-    found = find_payload(bodies, [logs])
+    found = find_cause(bodies, [logs])
     assert found is not None and found.link == "elbow" and not found.tied
     assert found.mass == pytest.approx(0.7, abs=3.0 * found.mass_sd) and found.mass_sd < 0.01
     for value, sd, wanted in zip(found.position, found.position_sd, position, strict=True):
@@ -225,7 +262,7 @@ def test_a_payload_is_found_in_a_recording_that_rests(arm: Arm) -> None:
             for each, held in ((log.measured, frozenset()), (log.commands, frozenset(log.commands.channels)))
         )
         still.append(replace(log, measured=measured, commands=sent))
-    found, moving = find_payload(arm, [still]), find_payload(arm, [run])
+    found, moving = find_cause(arm, [still]), find_cause(arm, [run])
     assert found is not None and moving is not None
     assert found.mass == pytest.approx(moving.mass, abs=moving.mass_sd)
 
@@ -237,7 +274,7 @@ def test_a_payload_is_found_at_a_low_rate(arm: Arm) -> None:
         assert log.torque is not None
         channels = {"q": log.measured["q"][taken], "tau": log.torque[taken]}
         rare.append(replace(log, measured=Signals(log.measured.time[taken], channels, {"q": "rad", "tau": "N m"})))
-    found = find_payload(arm, [rare])
+    found = find_cause(arm, [rare])
     assert found is not None and found.mass == pytest.approx(0.3, abs=0.03)
 
 
@@ -255,13 +292,13 @@ def test_a_payload_file_is_read_back_and_others_are_refused(arm: Arm, tmp_path: 
 def test_no_payload_is_found_where_none_is(arm: Arm) -> None:
     """Friction of the joints and a mass within the tolerance of the bodies are none, nor can a recording without torque
     show one; at the first joint mass and distance cannot be separated, which is left to the diagnosis of this joint."""
-    assert find_payload(arm, [moved(arm, 40.0)]) is None
+    assert find_cause(arm, [moved(arm, 40.0)]) is None
     light = mounted("dfki_elbow", 0.02, 0.0, 0.0, -0.1)  # the body has .63 kg, the tolerance is 5 %
-    assert find_payload(arm, [moved(arm, 40.0, bodies=with_payload(arm, light))]) is None
+    assert find_cause(arm, [moved(arm, 40.0, bodies=with_payload(arm, light))]) is None
     at_first = mounted("dfki_shoulder", 0.4, 0.0, 0.0, -0.1)
-    assert find_payload(arm, [moved(arm, 40.0, bodies=with_payload(arm, at_first))]) is None
+    assert find_cause(arm, [moved(arm, 40.0, bodies=with_payload(arm, at_first))]) is None
     silent = [replace(log, commands=None) for log in moved(arm, 8.0)]
-    assert find_payload(arm, [silent]) is None
+    assert find_cause(arm, [silent]) is None
 
 
 @pytest.mark.parametrize(("tolerance", "named"), [(0.0, ["torque_gain"]), (0.05, [])])

@@ -8,6 +8,7 @@ from via_core.devices import load_device
 from via_core.faults import fault_of, faulty_time
 from via_core.modulated_rows import IMPOSSIBLE, Samples
 from via_core.plausibility import equations_of, recorded_equations, worst
+from via_core.signals import Signals
 
 CUBIC, QBMOVE, ELASTIC, DAMPER, PENDULUM = (
     load_device(name)
@@ -207,6 +208,19 @@ def test_what_loads_a_rigid_link_is_no_fault_of_its_signals(sound):
     assert recorded_equations(PENDULUM)[0].share(sound.between(0.9, 1.9)).impossible
     assert faulty_time(PENDULUM, sound) is None
     assert fault_of(PENDULUM, sound.between(0.9, 1.9)) is None  # nothing is said of it while it runs
+
+
+@pytest.mark.parametrize("where", ["commands", "measured"])
+def test_torques_of_the_other_joints_of_an_arm_belong_to_the_equation_of_a_link(where):
+    sound = swung()
+    load, units = 30.0 * np.sin(5.0 * MOTION), {"q": "rad", "tau": "N m", "external_torque": "N m", "arm_torque": "N m"}
+    driven = sound.torque[:, 0] + load
+    channels = {"external_torque": driven} if where == "commands" else {}
+    measured = {"q": sound.q} | ({"tau": driven[:, None]} if where == "measured" else {})
+    commands = Signals(MOTION, {**channels, "arm_torque": -load}, units, frozenset({"arm_torque", *channels}))
+    samples = Samples.of_signals(Signals(MOTION, measured, units), PENDULUM, commands)
+    assert samples is not None and samples.torque[:, 0] == pytest.approx(sound.torque[:, 0], abs=1e-12)
+    assert faulty_time(PENDULUM, samples) is None
 
 
 @pytest.mark.parametrize("device", [CUBIC, QBMOVE, ELASTIC], ids=lambda each: each.name)

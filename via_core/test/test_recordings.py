@@ -16,6 +16,7 @@ from via_core.bags.joints import joint_signals
 from via_core.bags.mapping import load_mapping
 from via_core.bags.reader import read_bag
 from via_core.bags.recording_checks import check_recording
+from via_core.device_parts import WireColumn
 from via_core.devices import load_device, parse_device
 from via_core.errors import BagError, DeviceError, ImportMapError, ParameterError, SignalError
 from via_core.recordings.channels import read_joint
@@ -298,7 +299,15 @@ def test_degrees_are_recognised_by_the_limits_of_the_joint() -> None:
 def test_a_command_far_from_the_position_is_a_torque() -> None:
     for command, channel in ((ANGLE + 0.05, "equilibrium"), (30.0 * SPEED, "external_torque")):
         tables = {"": pandas.DataFrame({"time": TIME, "qpos": ANGLE, "ctrl": command})}
-        assert channel in entries_of(tables, guess_columns(tables), "").columns
+        entry, _ = entries_of(tables, guess_columns(tables), "").columns[channel]
+        assert "measured" not in entry
+
+
+def test_an_effort_is_measured_and_a_command_is_not() -> None:
+    for name, measured in (("effort", True), ("cmd_torque", False)):
+        tables = {"": pandas.DataFrame({"time": TIME, "position": ANGLE, name: TORQUE})}
+        entry, _ = entries_of(tables, guess_columns(tables), "").columns["external_torque"]
+        assert WireColumn(**entry).measured == measured
 
 
 def test_a_mapping_is_written_that_imports_the_file(tmp_path: Path) -> None:

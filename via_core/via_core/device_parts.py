@@ -275,6 +275,7 @@ class WireColumn(Record):
     scale: Number = 1.0
     offset: Number = 0.0  # in the channel's unit
     enable: Text | None = None  # another column: where it is 0, the value is NaN
+    measured: bool = False  # of external_torque: not a command, so that its noise counts
 
     @model_validator(mode="before")
     @classmethod

@@ -6,6 +6,7 @@ See `via_core.plausibility` for the equations.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from math import exp, sqrt
 from typing import NamedTuple
 
@@ -82,11 +83,17 @@ def _link_torque(measured: Signals, device: Device, commands: Signals | None) ->
     """(N,) or (N, 1) [N m] torque on a rigid link: of its damper, or of its drive as measured or else as commanded."""
     if device.damper is not None:
         return measured.channels.get("tau_link")
+    sent: Mapping[str, Array] = {}
+    if commands is not None and len(commands):
+        names = [name for name in ("external_torque", "arm_torque") if name in commands]
+        sent = commands.select(names).resample(measured.time).channels if names else {}
     if "tau" in measured and np.mean(np.isfinite(measured["tau"])) >= MEASURED:
-        return measured["tau"]
-    if device.drive != "torque" or commands is None or not len(commands) or "external_torque" not in commands:
+        torque = measured["tau"].reshape(len(measured))
+    elif device.drive == "torque" and "external_torque" in sent:
+        torque = sent["external_torque"]
+    else:
         return None
-    return commands.select(["external_torque"]).resample(measured.time)["external_torque"]
+    return torque + sent.get("arm_torque", 0.0)
 
 
 class Share(NamedTuple):

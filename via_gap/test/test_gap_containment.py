@@ -51,6 +51,12 @@ def test_an_effect_contains_the_device_parameter_to_which_it_adds():
     assert held(flexible()) == {**for_each, **link, "spring_law at transmission 1": ["spring 1 torque"]}
 
 
+def test_the_gain_of_the_drive_of_a_rigid_joint_contains_the_scale_of_its_torque():
+    device = rigid()
+    tolerances = device.tolerances.model_copy(update={"torque_scale": 0.05})
+    assert held(device.model_copy(update={"tolerances": tolerances}))["torque_gain at motor 1"] == ["torque scale"]
+
+
 def test_an_effect_of_both_springs_contains_the_torque_of_neither():
     found = held(load_device("qbmove_a"))
     assert found["spring_law at transmission 2"] == ["spring 2 torque"]

@@ -196,6 +196,22 @@ def test_a_model_beats_a_straight_line_where_the_joint_is_driven():
     assert np.mean(np.log1p(line)) > np.mean(np.log1p(own)) + 1.0
 
 
+@pytest.mark.parametrize("every", [1, 5, 10])
+def test_the_floor_is_the_scatter_of_windows_by_noise_at_any_rate(every):
+    """Angles between samples are interpolated, so that several ticks share the noise of one sample."""
+    log, rng = log_of(rigid(), (), seed=6, duration=20.0), np.random.default_rng(6)
+    time, q = log.measured.time[::every], log.measured["q"][::every]
+    noisy, clean = (
+        replace(log, measured=Signals(time, {"q": angle}, {"q": "rad"}))
+        for angle in (q + 1e-3 * rng.standard_normal(len(q)), q)
+    )
+    segments = cut_log(noisy)
+    there = np.flatnonzero(segments.valid)
+    views = [InverseDynamics.of(each, there) for each in (segments, replace(segments, angles=cut_log(clean).angles))]
+    with_noise, without = (view.residual(view.nominal[None])[0] for view in views)
+    assert np.sqrt(np.mean((with_noise - without) ** 2)) == pytest.approx(1.0, abs=0.15)
+
+
 def with_gaps(log: JointLog, *gaps: tuple[float, float]) -> JointLog:
     """The log without the samples inside some intervals [s]."""
     time = log.measured.time

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gap_logs import antagonistic_log, log_of, rigid
 from scipy.signal import lfilter
+from via_core.device_parts import Wire, WireColumn
 from via_core.signals import Signals
 from via_gap.api import diagnose
 from via_gap.logs.log import JointLog
@@ -103,3 +104,14 @@ def test_a_joint_with_a_noisy_torque_sensor_has_no_gap_and_friction_is_found_bes
     found = diagnose([sensed(log_of(rigid(), planted, seed=4, duration=8.0))], rigid())
     assert (found.verdict, found.causes[0].effect) == ("effect", "coulomb_friction")
     assert found.causes[0].parameters["torque"].value == pytest.approx(0.2, rel=0.1)
+
+
+def test_an_effort_recorded_as_a_command_has_noise_and_a_command_has_none():
+    log = free()
+    sent = log.commands["external_torque"] + NOISE * np.random.default_rng(4).standard_normal(len(log.commands))
+    commands = Signals(log.commands.time, {"external_torque": sent}, log.commands.units, log.commands.held)
+    for measured in (True, False):
+        column = WireColumn(column="effort", measured=measured)
+        device = log.device.model_copy(update={"wire": Wire(columns={"external_torque": column})})
+        density = cut_log(replace(log, device=device, commands=commands)).torque_density[EXTERNAL]
+        assert density == (pytest.approx(NOISE**2 / 500.0, rel=0.1) if measured else 0.0)

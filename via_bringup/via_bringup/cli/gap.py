@@ -47,17 +47,17 @@ def diagnose(
 ) -> None:
     """Locate the gap between logs and model, identify its causes, and report the fraction that they explain.
 
-    For an arm, one report per joint is written: report.json becomes report_JOINT.json. A mass that all joints feel,
-    such as a payload, is written to report_payload.json.
+    For an arm, one report per joint is written: report.json becomes report_JOINT.json. What all joints feel
+    is written to report_payload.json, report_body.json or report_gravity.json.
     """
     if (device is None) == (arm is None):
         raise ViaError("give either --device or --arm")
     check_files(out, html, effects_out)
     with working("reading and diagnosing") as progress:
-        payload = None
+        cause = None
         if arm is not None:
             found = diagnosed_arm(arm, logs, holdout or (), (counts_per_turn, torque_constant), progress)
-            payload, reports = found.payload, found.reports
+            cause, reports = found.cause, found.reports
         else:
             described = load_device(device or "")
             everything = read_logs([*logs, *(holdout or ())], described)
@@ -65,11 +65,11 @@ def diagnose(
             report = diagnosed(read, described, held or None, progress)
             progress("searching for a motion that separates tied causes", 1.0)
             reports = (with_proposal(report, described),)
-    if payload is not None:
-        answers.print(f"{payload.text()}\n", soft_wrap=True)
+    if cause is not None:
+        answers.print(f"{cause.text()}\n", soft_wrap=True)
         if out is not None:
-            write_text(_named(out, "payload"), json.dumps(asdict(payload), indent=2) + "\n")
-            answers.print(f"wrote {_named(out, 'payload')}\n")
+            write_text(_named(out, cause.name), json.dumps(asdict(cause), indent=2) + "\n")
+            answers.print(f"wrote {_named(out, cause.name)}\n")
     for number, report in enumerate(reports):
         answers.print("\n" * (number > 0) + text(report), soft_wrap=True)
         joint = report.joint if arm is not None else ""
@@ -114,7 +114,9 @@ def simulate(
         typer.Option(help="Report of these logs: use its repair unless --effects is given, score its held-out data."),
     ] = None,
     arm: Arm = None,
-    payload: Annotated[Path | None, typer.Option(help="report_payload.json of `via gap diagnose --arm`.")] = None,
+    payload: Annotated[
+        Path | None, typer.Option(help="report_payload.json, _body or _gravity of `via gap diagnose --arm`.")
+    ] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
     counts_per_turn: CountsPerTurn = None,
     torque_constant: TorqueConstant = None,

@@ -57,6 +57,8 @@ def entries_of(
         if guess is None or channel in columns or (channel == "external_torque" and "tau_1" in columns):
             continue
         entry: dict[str, Any] = {"column": guess.column}
+        if channel == "external_torque" and quantity != "torque command":
+            entry["measured"] = True
         if bag:
             entry["topic"] = guess.table
         if guess.unit not in ("rad", "rad/s", "N m"):

@@ -93,6 +93,12 @@ class JointLog:
         """Whether motor torques were measured in at least 90 % of the samples."""
         return "tau" in self.measured and bool(np.mean(np.isfinite(self.measured["tau"])) >= 0.9)
 
+    @property
+    def command_measured(self) -> bool:
+        """Whether the command of a rigid joint is a measured torque, which contains noise."""
+        entry = self.device.wire.columns.get("external_torque")
+        return not self.device.n_motors and "tau" not in self.measured and entry is not None and entry.measured
+
     @cached_property
     def torque(self) -> Array | None:
         """(N, m) [N m] of the drives at the samples: measured, or for a rigid joint as commanded; None: neither."""

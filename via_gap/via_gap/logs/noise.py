@@ -151,7 +151,8 @@ def torque_densities(log: JointLog, known: LogNoise, span: float) -> Array:
     """
     period = known.clock.period
     found = []
-    for i, column in enumerate(log.measured["tau"].T):
+    assert log.torque is not None, "only for logs with torques"
+    for i, column in enumerate(log.torque.T):
         seen = column[np.isfinite(column)]
         count = max(1, min(round(span / period), len(seen)))
         noise = known.channels[f"tau_{i + 1}"]

@@ -301,7 +301,7 @@ def _slopes(segments: Segments, axes: tuple[int, ...]) -> Array:
 def _floor(nominal: Array, segments: Segments, slopes: Array, axes: tuple[int, ...], sizes: Array) -> Array:
     """(a,) [N m] standard deviation of a window by sensor noise alone; sizes (3,) root sums of squared weights."""
     noise = np.zeros(3)
-    noise[list(segments.axes)] = segments.sample_noise
+    noise[list(segments.axes)] = np.sqrt(segments.ticks_per_sample) * segments.sample_noise
     each = list(axes)
     inertial = nominal[P.inertia :][each] * sizes[2]
     viscous = nominal[P.viscous_friction :][each] * sizes[1]  # dominates for a light motor with much damping

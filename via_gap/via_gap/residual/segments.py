@@ -128,6 +128,11 @@ class Segments:
         return drawn
 
     @property
+    def ticks_per_sample(self) -> float:
+        """Ticks that share the noise of one measurement, because angles between samples are interpolated."""
+        return max(1.0, self.rate * float(np.median(np.diff(self.log.measured.time))))
+
+    @property
     def time(self) -> Array:
         """(S,) [s] beginnings of the segments on the log's clock."""
         return self.origin + self.begin / self.rate
@@ -201,7 +206,7 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     weight = read * np.sqrt(read[0].size / np.maximum(np.sum(read, axis=(1, 2), keepdims=True), 1))
     gaps, apart = _command_gaps(log, quality, origin, rate, len(grid))
     density = np.zeros(N_COMMANDS)
-    if columns := measured_columns(log):
+    if columns := _noisy_columns(log):
         density[columns] = torque_densities(log, known, ticks / rate)[: len(columns)]
     return Segments(
         log, rate, origin, ticks, every, averaged, axes, drive_rows(log, grid), begin, angles, hidden, states, measured,
@@ -346,6 +351,11 @@ def measured_columns(log: JointLog) -> list[int]:
         return [] if log.motors_commanded else list(range(log.device.n_motors))
     commanded = log.commands is not None and "external_torque" in log.commands
     return [EXTERNAL] if log.device.drive == "torque" and not commanded and log.torque_seen else []
+
+
+def _noisy_columns(log: JointLog) -> list[int]:
+    """Columns of the commands that contain noise of a measurement."""
+    return measured_columns(log) or ([EXTERNAL] if log.command_measured and log.torque is not None else [])
 
 
 def _torque_after(log: JointLog, grid: Array) -> Array:

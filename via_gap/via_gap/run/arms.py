@@ -10,11 +10,11 @@ measured qdd, so that M_i (qdd - qdd_simulated) = T for any M_i: fitted sizes ar
 changes with the arm's pose (docs/adr/0006). The angle of the next joint, of the last one that of the joint before, is
 the channel `neighbour`.
 
-What all joints share is estimated first, from all of them: a mass that the bodies lack (arm_payload.py). Each joint
+What all joints share is estimated first, from all of them: a payload or other gravity (arm_cause.py). Each joint
 alone would take it for an error of its own drive.
 
     arm = find_arm("dfki_double_pendulum", recording)
-    found = diagnose_arm(arm, [run], [held_out])         # found.payload, and found.reports: one per joint, base first
+    found = diagnose_arm(arm, [run], [held_out])         # found.cause, and found.reports: one per joint, base first
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from via_core.signals import Signals
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport
+from via_gap.run.arm_cause import ArmCause, find_cause, read_cause, with_cause
 from via_gap.run.arm_model import Arm, find_arm, smoothed_motion
-from via_gap.run.arm_payload import Payload, find_payload, read_payload, with_payload
 
-__all__ = ["ArmDiagnosis", "arm_logs", "diagnose_arm", "find_arm", "read_arm_log", "read_payload", "with_payload"]
+__all__ = ["ArmDiagnosis", "arm_logs", "diagnose_arm", "find_arm", "read_arm_log", "read_cause", "with_cause"]
 
 UNITS = {"external_torque": "N m", "neighbour": "rad", "arm_torque": "N m"}
 
@@ -71,9 +71,9 @@ def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
 
 @dataclass(frozen=True)
 class ArmDiagnosis:
-    """What an arm lacks: a mass that all joints feel, if there is one, and one report per joint, base first."""
+    """What an arm lacks: a cause that all joints feel, if there is one, and one report per joint, base first."""
 
-    payload: Payload | None
+    cause: ArmCause | None
     reports: tuple[GapReport, ...]
 
 
@@ -84,12 +84,12 @@ def diagnose_arm(
     progress: Callable[[str, float], None] | None = None,
 ) -> ArmDiagnosis:
     """The answer for recordings of the whole arm (each as `read_arm_log` returns it); joints are diagnosed with the
-    payload, if one is found, in the bodies."""
+    cause that all of them feel, if one is found."""
     notify = progress or (lambda _what, _share: None)
     notify("the bodies of the arm", 0.0)
-    payload = find_payload(arm, logs, holdout)
-    if payload is not None:
-        loaded = with_payload(arm, payload)
+    cause = find_cause(arm, logs, holdout)
+    if cause is not None:
+        loaded = with_cause(arm, cause)
         logs, holdout = ([arm_logs(run, loaded) for run in runs] for runs in (logs, holdout))
 
     def diagnosed(i: int, device: Device) -> GapReport:
@@ -99,4 +99,4 @@ def diagnose_arm(
         own, held = [run[i] for run in logs], [run[i] for run in holdout]
         return diagnose(own, device, held or None, report_share, only_equations=True)
 
-    return ArmDiagnosis(payload, tuple(diagnosed(i, device) for i, device in enumerate(arm.devices)))
+    return ArmDiagnosis(cause, tuple(diagnosed(i, device) for i, device in enumerate(arm.devices)))

@@ -81,8 +81,10 @@ def numbers_of(row: Array) -> tuple[DeviceNumber, ...]:
             furthest = float(row[start + 1] * row[P.stop + i])
             add(shape, "-", 1.0, start + 1, lever=furthest / tanh(furthest))
     add("gravity torque", "N m", row[P.gravity_torque], P.gravity_torque)
-    if row[P.link_drive] == TORQUE_DRIVE or DYNAMIC in row[P.axis_kind + 1 : P.axis_kind + 3]:
-        add("torque scale", "-", row[P.torque_gain], *range(P.torque_gain, P.torque_gain + 3))
+    drives = [0] if row[P.link_drive] == TORQUE_DRIVE else []
+    drives += [axis for axis in (1, 2) if row[P.axis_kind + axis] == DYNAMIC]
+    if drives:
+        add("torque scale", "-", row[P.torque_gain + drives[0]], *(P.torque_gain + axis for axis in drives))
     if row[P.damper_site] != NO_DAMPER:
         add("damper", "-", 1.0, P.damper, P.damper + 1)
     if row[P.link_drive] == POSITION_DRIVE:

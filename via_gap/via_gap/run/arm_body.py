@@ -1,0 +1,78 @@
+"""Inertial numbers of a body that differ from those of an arm's model: a cause that all joints feel (arm_equation.py).
+
+Y is the torque per mass, first and second moments of body k (pinocchio's regressor), phi their errors: a wrong mass or
+centre of mass. Torques are linear in them. Combinations that no torque shows (of a body behind a joint that does not
+move it, for instance) remain as in the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pinocchio
+from via_core.signals import Array
+
+from via_gap.run.arm_equation import body_of
+from via_gap.run.arm_model import Arm
+from via_gap.run.arm_payload import REACH
+
+
+@dataclass(frozen=True)
+class BodyError:
+    """What the model of a body lacks, in the frame of the joint that moves it.
+
+    link     that joint
+    tied     joints whose bodies could have the error as well
+    numbers  (10,) mass [kg], first (3) [kg m] and second moments (6) [kg m^2] in pinocchio's order, with numbers_sd
+    explained  share of the held-out squared error left by errors of single joints that it removes
+    """
+
+    link: str
+    tied: tuple[str, ...]
+    numbers: tuple[float, ...]
+    numbers_sd: tuple[float, ...]
+    explained: float
+    name: ClassVar[str] = "body"
+
+    def text(self) -> str:
+        """One sentence."""
+        mass, *moment = (f"{a:z.3f} ± {b:.2g}" for a, b in zip(self.numbers[:4], self.numbers_sd[:4], strict=True))
+        other = f" (or {', '.join(self.tied)})" if self.tied else ""
+        return (
+            f"The body that {self.link} moves{other} is not that of the model: its mass differs by {mass} kg, mass "
+            f"times centre of mass by ({', '.join(moment)}) kg m in the frame of this joint. This explains "
+            f"{100.0 * self.explained:.3g} % of the squared missing torque that errors of single joints leave. "
+            "The joints are diagnosed with it."
+        )
+
+
+def with_body(arm: Arm, error: BodyError, joint: int) -> Arm:
+    """The arm with the body of its joint number `joint` as the error says."""
+    model, body = arm.model.copy(), body_of(arm, joint)
+    numbers = model.inertias[body].toDynamicParameters() + np.array(error.numbers)
+    model.inertias[body] = pinocchio.Inertia.FromDynamicParameters(numbers)
+    return Arm(arm.name, arm.devices, model, arm.order, arm.reference)
+
+
+@dataclass(frozen=True)
+class BodyNumbers:
+    """Errors (10,) of the inertial numbers of a body: a `Shared` cause.
+
+    column  number of the joint
+    whole   [kg] mass of the arm; with REACH the standard deviation before anything is known
+    """
+
+    column: int
+    whole: float
+
+    def numbers(self, point: Array) -> Array:
+        """The point itself."""
+        return point
+
+    def solved(self, root: Array, start: Array | None) -> tuple[Array, Array]:
+        """Least squares with a prior as wide as the arm."""
+        width = self.whole * np.array([1.0, *3 * [REACH], *6 * [REACH**2]])
+        inverse = np.linalg.inv(root[:, :-1].T @ root[:, :-1] + np.diag(width**-2.0))
+        return inverse @ root[:, :-1].T @ root[:, -1], np.sqrt(np.diag(inverse))

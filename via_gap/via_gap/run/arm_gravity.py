@@ -1,0 +1,95 @@
+"""Gravity that differs from that of an arm's model, as a cause that all joints feel (arm_equation.py).
+
+A base that is not mounted as the model says turns gravity in its frame; a recorded torque from which the controller has
+subtracted gravity contains none. Torques are linear in gravity, so Y is the torque per gravity along each axis of the
+base, and phi the missing gravity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.stats import chi2
+from via_core.signals import Array
+
+from via_gap.run.arm_equation import GRAVITY, NUMBERS_OF_BODY
+from via_gap.run.arm_model import Arm
+from via_gap.selection.numbers import NUMBERS
+
+WIDTH = 2.0 * 9.81  # [m/s^2] standard deviation of missing gravity before anything is known: it may be reversed
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """Gravity in the frame of the base.
+
+    gravity  (3,) [m/s^2] in the torques, with gravity_sd
+    modelled (3,) [m/s^2] in the model
+    tied     joints with a payload that explains the torques as well
+    explained  share of the held-out squared error left by errors of single joints that it removes
+    """
+
+    gravity: tuple[float, float, float]
+    gravity_sd: tuple[float, float, float]
+    modelled: tuple[float, float, float]
+    tied: tuple[str, ...]
+    explained: float
+    name: ClassVar[str] = "gravity"
+
+    @property
+    def tilt(self) -> float:
+        """[rad] angle between both directions."""
+        one, other = np.array(self.gravity), np.array(self.modelled)
+        return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))
+
+    @property
+    def absent(self) -> bool:
+        """Whether the torques contain less than half of gravity."""
+        return float(np.linalg.norm(self.gravity)) < 0.5 * float(np.linalg.norm(self.modelled))
+
+    def text(self) -> str:
+        """One sentence."""
+        seen = ", ".join(f"{g:z.3f} ± {sd:.2g}" for g, sd in zip(self.gravity, self.gravity_sd, strict=True))
+        stated = ", ".join(f"{each:z.3f}" for each in self.modelled)
+        if self.absent:
+            what = f"Gravity is absent from the recorded torques: they contain ({seen})"
+            remedy = "The controller has subtracted it, or the model has wrong masses"
+        else:
+            what = f"Gravity points {np.degrees(self.tilt):.2f} degrees away from that of the model: it is ({seen})"
+            remedy = "Check how the base is mounted"
+        other = f" (or a payload at {', '.join(self.tied)})" if self.tied else ""
+        return (
+            f"{what}, not ({stated}) m/s^2 in the frame of the base{other}. {remedy}. It explains "
+            f"{100.0 * self.explained:.3g} % of the squared missing torque that errors of single joints leave. "
+            "The joints are diagnosed with it."
+        )
+
+
+def with_gravity(arm: Arm, gravity: Gravity) -> Arm:
+    """The arm under another gravity."""
+    model = arm.model.copy()
+    model.gravity.linear = np.array(gravity.gravity)
+    return Arm(arm.name, arm.devices, model, arm.order, arm.reference)
+
+
+@dataclass(frozen=True)
+class MissingGravity:
+    """Gravity (3,) [m/s^2] that the model lacks: a `Shared` cause."""
+
+    column: int = GRAVITY
+
+    def numbers(self, point: Array) -> Array:
+        """The point, and zeros."""
+        return np.append(point, np.zeros(NUMBERS_OF_BODY - 3))
+
+    def solved(self, root: Array, start: Array | None) -> tuple[Array, Array]:
+        """Least squares with a prior of WIDTH; what the motion does not show remains as in the model."""
+        inverse = np.linalg.inv(root[:, :3].T @ root[:, :3] + np.eye(3) / WIDTH**2)
+        return inverse @ root[:, :3].T @ root[:, -1], np.sqrt(np.diag(inverse))
+
+
+def significant(missing: Array, sd: Array) -> bool:
+    """Whether missing gravity (3,) is not zero."""
+    return float(np.sum((missing / sd) ** 2)) > chi2.ppf(1.0 - NUMBERS.significance, 3)
