@@ -279,3 +279,17 @@ def test_a_motion_that_has_only_begun_is_no_fault(device):
     for end in start + np.arange(0.01, 0.5, 0.01):
         interval = samples.between(end - 1.0, end)
         assert not any(each.share(interval).impossible for each in equations_of(device)), f"{end:.2f} s"
+
+
+@pytest.mark.parametrize(("rotor", "spring", "size"), [(60.0, 0.0, 1.0), (0.0, 40.0, 0.1)], ids=["rotor", "spring"])
+def test_what_acts_beside_a_link_is_no_wrong_unit(rotor, spring, size):
+    """An angle divided by 57 leaves all torque to friction, which takes up any torque where it counts as at rest."""
+    link = PENDULUM.link.model_copy(update={"gravity_torque": 0.0, "coulomb_friction": 1.0})
+    t, rng = MOTION - 0.5 * PERIOD, np.random.default_rng(3)
+    angle = size * (0.9 * np.sin(3.0 * t) + 0.5 * np.sin(7.0 * t))
+    speed = size * (2.7 * np.cos(3.0 * t) + 3.5 * np.cos(7.0 * t))
+    bend = -size * (8.1 * np.sin(3.0 * t) + 24.5 * np.sin(7.0 * t))
+    tau = (1.0 + rotor) * link.inertia * bend + spring * angle + link.viscous_friction * speed + np.sign(speed)
+    tau += 0.01 * rng.normal(size=len(t))
+    samples = Samples(MOTION, angle, np.empty((len(t), 0)), tau[:, None])
+    assert faulty_time(PENDULUM.model_copy(update={"link": link}), samples) is None

@@ -119,12 +119,17 @@ def _undone(device: Device, samples: Samples, equations: Sequence[Equation], bef
     """The fault without which least of the recording is unexplained, if that is at most HALF as much.
 
     before  shares of the recording as it is, per interval. An interval that is unknown after a change, as torques
-            below their noise are, counts as before.
+            below their noise are, counts as before. What a load explains without a change proves no fault.
     """
-    whole, best, proven = _pooled(before), HALF, None
+    relaxed = [each.relaxed() for each in equations]
+    as_recorded = _intervals(samples, interval_of(equations))
+    loaded = [worst([each.share(interval) for each in relaxed]) for _, _, interval in as_recorded]
+    whole, best, proven = min(_pooled(before), _pooled(loaded)), HALF, None
+    furthest = float(np.nanmax(np.abs(samples.q))) or 1.0
     for fault, change in _changes(device, samples):
-        intervals = _intervals(change, interval_of(equations))
-        after = [worst([each.share(interval) for each in equations]) for _, _, interval in intervals]
+        intervals, unit = _intervals(change, interval_of(equations)), float(np.nanmax(np.abs(change.q)) / furthest)
+        changed = [each.with_unit(unit) for each in equations]  # else a motion of a few steps would count as rest
+        after = [worst([each.share(interval) for each in changed]) for _, _, interval in intervals]
         left = _pooled([new if new.known else old for old, new in zip(before, after, strict=True)])
         if left < best * whole:
             best, proven = left / whole, fault._replace(proven=True)
@@ -132,8 +137,9 @@ def _undone(device: Device, samples: Samples, equations: Sequence[Equation], bef
 
 
 def _pooled(shares: Sequence[Share]) -> float:
-    """Root mean square of what the known intervals leave unexplained."""
-    return float(np.sqrt(np.mean([each.unexplained**2 for each in shares if each.known])))
+    """Root mean square of what the known intervals leave unexplained; infinite if none is known."""
+    known = [each.unexplained**2 for each in shares if each.known]
+    return float(np.sqrt(np.mean(known))) if known else np.inf
 
 
 def _intervals(samples: Samples, length: float) -> list[tuple[float, float, Samples]]:

@@ -121,6 +121,14 @@ class Equation(ABC):
     def share(self, samples: Samples) -> Share:
         """Unexplained share of the torques in the interval of the samples."""
 
+    def relaxed(self) -> Equation:
+        """The equation of the device with everything that may act beside it."""
+        return self
+
+    def with_unit(self, unit: float) -> Equation:
+        """The equation for a link's angle in another unit: a step of its encoder is `unit` times that of the file."""
+        return self
+
 
 def finite_columns(*columns: Array) -> list[Array]:
     """The columns at the samples where all are finite, contiguous and writable as compiled code requires."""

@@ -20,7 +20,7 @@ c, the declared friction or OFFSET of the largest part.
 
 The drive of a rigid link obeys the same equation, with q in place of theta and gravity as the load. People, contacts
 and payloads act there too, so what it leaves is no fault (`recorded_equations`), unless one change of sign or unit
-explains a whole recording.
+explains a whole recording, and a loaded link with the recorded signs and units does not.
 
 The torque sensor of a damper reads what the damper dissipates: low v^2 <= tau v <= high v^2 in every row, up to dry
 friction. `unexplained` is the torque outside of that, compared likewise.
@@ -33,7 +33,7 @@ A link that is driven by a servo has an equation of its own (via_core.servo_equa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
@@ -65,6 +65,7 @@ from via_core.weak_form import fill_weights
 VARYING = 0.2  # [-] torques that vary less than this share of their size show no course
 KNOTS = 2  # values of the load factor in an interval: a sound spring may soften or stiffen within it
 TIE = 0.01  # [-] weight of their squared differences against the load of the whole interval
+LOADED = 500.0, 10.0  # largest change of a link's inertia (a rotor behind a gear) and gravity by what acts beside it
 PRESLIDING = 2e-3  # [rad] of travel, within which dry friction has not built up and may point anywhere
 FIXED = 5  # unknowns before them: b, d, c, e, g
 PARTS = FIXED + KNOTS
@@ -99,25 +100,40 @@ class MotorEquation(Equation):
         columns = finite_columns(samples.time, samples.torque[:, self.drive], angle, deflection, load)
         # Where the link's encoder repeats one number, a frozen encoder is likelier than a spring that changes.
         knots = KNOTS if np.nanmax(samples.q) > np.nanmin(samples.q) else 1
-        rest = np.array([step, self.friction, coarse, knots])
+        rest = np.array([step, self.friction, coarse, knots, 1.0])
         return Share(*_motor_share(*columns, self.low, self.high, rest))
 
 
 @dataclass(frozen=True)
 class LinkEquation(Equation):
-    """The torque equation of a rigid link with a torque drive."""
+    """The torque equation of a rigid link with a torque drive.
+
+    loaded  with any rotor, payload or spring beside it
+    unit    of the angles over that of the recording, when another unit is tried: steps of the encoder and the travel
+            of presliding scale with it, else a motion in a smaller unit would count as rest that friction explains
+    """
 
     device: Device
+    loaded: bool = False
+    unit: float = 1.0
+
+    def relaxed(self) -> LinkEquation:
+        return replace(self, loaded=True)
+
+    def with_unit(self, unit: float) -> LinkEquation:
+        return replace(self, unit=unit)
 
     def share(self, samples: Samples) -> Share:
         link, given = self.device.link, self.device.tolerances
         inertia, weight = device_factor(given.link_inertia), device_factor(given.gravity)
+        if self.loaded:
+            inertia, weight = LOADED
         low = np.array([link.inertia / inertia, 0.0, 0.0, 1.0 / weight])
         high = np.array([link.inertia * inertia, np.inf, np.inf, weight])
         load = link.gravity_torque * np.sin(samples.q - link.gravity_angle)
         friction = device_factor(given.link_friction) * link.coulomb_friction
         columns = finite_columns(samples.time, samples.torque[:, 0], samples.q, np.zeros(len(samples.q)), load)
-        rest = np.array([self.device.sensors.link_quantum or 0.0, friction, 0.0, 1.0])
+        rest = np.array([self.unit * (self.device.sensors.link_quantum or 0.0), friction, 0.0, 1.0, self.unit])
         return Share(*_motor_share(*columns, low, high, rest))
 
 
@@ -194,7 +210,7 @@ def _motor_share(
     """Unexplained share and ratio of the largest part to its noise, (0, 0) if unknown.
 
     rest  encoder step [rad] of the motor, declared dry friction [N m], error of the load [N m] by encoder steps, number
-          of knots
+          of knots, unit of the angle (`LinkEquation`)
     """
     noises = np.array([noise_of(torque), noise_of(angle), noise_of(load)]) ** 2
     still = max(RESTING * rest[0], 6.0 * sqrt(noises[1]))  # a smaller range of angle is no motion
@@ -299,7 +315,7 @@ def _compare(
     largest = _largest(rows, wanted, x[0], x[FIXED:])
     free = max(rest[1], x[2] + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
     for k in range(len(left)):
-        held = free if not moving[k] else rest[1] if travel[k] < PRESLIDING else 0.0
+        held = free if not moving[k] else rest[1] if travel[k] < PRESLIDING * rest[4] else 0.0
         left[k] = np.sign(left[k]) * max(abs(left[k]) - held, 0.0)
     noise = quiet[0] + x[0] * x[0] * quiet[1] + np.mean(x[FIXED:] ** 2) * quiet[2]
     if largest <= 0.0:
