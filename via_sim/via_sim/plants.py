@@ -133,7 +133,8 @@ def _row_of(device: Device) -> Array:
         else:
             row[P.axis_kind + axis] = SERVO
             row[P.bandwidth + i] = motor.bandwidth
-    row[P.torque_gain : P.torque_gain + 3] = device.torque_scale
+    drives = P.torque_gain + np.arange(MOTOR_1, MOTOR_1 + device.n_motors) if device.n_motors else P.torque_gain
+    row[drives] = device.torque_scale
     row[P.link_drive] = TORQUE_DRIVE if device.n_motors == 0 else NO_DRIVE
     if device.servo is not None:
         row[P.link_drive] = POSITION_DRIVE

@@ -33,8 +33,8 @@ from via_sim.joint.encoders import read_motion, true_motion
 from via_sim.joint.friction import breakaway, has_friction, viscous_friction
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, MODE, N_INPUTS, N_MODES, NEIGHBOUR, POWER, U, X
 from via_sim.joint.parameters import ABSENT, DYNAMIC, N_PARAMETERS, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
-from via_sim.joint.structure import EVERYTHING
 from via_sim.joint.torques import (
+    EVERYTHING,
     counter_torque,
     deflection,
     motive_torques,
