@@ -10,6 +10,7 @@ import pytest
 import via_core
 from typer.testing import CliRunner
 from via_bringup.cli import app
+from via_core.device_parts import PositionDrive
 from via_core.errors import DeviceError, SignalError, ViaError
 from via_core.signals import Array, Signals
 from via_gap.diagnosis import diagnose
@@ -48,6 +49,14 @@ def pendulum(q: Array, v: Array, a: Array) -> Array:
     return np.stack([first, inner * a[:, 0] + (i2 + 0.00218588) * a[:, 1] + h * s * v[:, 0] ** 2 + far], axis=1)
 
 
+KP, KD = (30.0, 8.0), (3.0, 0.6)  # [N m/rad], [N m s/rad] of the controllers
+
+
+def wanted(t: Array | float) -> Array:
+    """Goals (2, ...) [rad] at times t [s]."""
+    return np.array([1.5 * np.sin(1.1 * t) + 0.5 * np.sin(2.9 * t), 1.2 * np.sin(1.7 * t) + 0.4 * np.sin(4.3 * t)])
+
+
 def moved(arm: Arm, seconds: float, phase: float = 0.0, bodies: Arm | None = None) -> list[JointLog]:
     """The arm with dry friction, and with the `bodies` of another, follows waves, recorded with the encoders' steps."""
     model, dt = (bodies or arm).model, 1.0 / (RATE * FINE)
@@ -57,10 +66,7 @@ def moved(arm: Arm, seconds: float, phase: float = 0.0, bodies: Arm | None = Non
     angles, torques = [], []
     for k in range(round(seconds * RATE)):
         t = k / RATE + phase
-        wanted = np.array(
-            [1.5 * np.sin(1.1 * t) + 0.5 * np.sin(2.9 * t), 1.2 * np.sin(1.7 * t) + 0.4 * np.sin(4.3 * t)]
-        )
-        tau = np.array([30.0, 8.0]) * (wanted - q) - np.array([3.0, 0.6]) * v
+        tau = np.array(KP) * (wanted(t) - q) - np.array(KD) * v
         angles.append(q.copy())
         torques.append(tau)
         for _ in range(FINE):
@@ -276,6 +282,20 @@ def test_a_payload_is_found_at_a_low_rate(arm: Arm) -> None:
         rare.append(replace(log, measured=Signals(log.measured.time[taken], channels, {"q": "rad", "tau": "N m"})))
     found = find_cause(arm, [rare])
     assert found is not None and found.mass == pytest.approx(0.3, abs=0.03)
+
+
+def test_a_payload_is_found_from_the_goals_of_position_drives(arm: Arm) -> None:
+    """Their torque follows from goal, angle and speed."""
+    logs = []
+    for i, log in enumerate(moved(arm, 40.0, bodies=with_payload(arm, mounted("dfki_elbow", 0.3, 0.0, 0.0, -0.2)))):
+        goal = {"equilibrium": wanted(log.measured.time)[i]}
+        commands = Signals(log.measured.time, goal, {"equilibrium": "rad"}, frozenset(goal))
+        drive = {"drive": "position", "servo": PositionDrive(kp=KP[i], kd=KD[i])}
+        logs.append(replace(log, device=log.device.model_copy(update=drive), commands=commands))
+        assert logs[-1].torque is None
+    found = find_cause(arm, [logs])
+    assert isinstance(found, Payload) and found.link == "dfki_elbow"
+    assert found.mass == pytest.approx(0.3, abs=0.03)
 
 
 def test_a_payload_file_is_read_back_and_others_are_refused(arm: Arm, tmp_path: Path) -> None:
