@@ -164,6 +164,19 @@ def test_a_tilted_base_is_found_from_all_joints_together(arm: Arm, degrees: floa
     assert np.degrees(found.tilt) == pytest.approx(4.0, abs=0.2) and found.gravity_sd[1] > 10.0
 
 
+def test_gravity_of_another_size_is_no_tilt(arm: Arm) -> None:
+    found = find_cause(arm, [moved(arm, 40.0, bodies=with_gravity(arm, pulled(0.0, 0.0, -7.0)))])
+    assert isinstance(found, Gravity) and not found.tilted and not found.absent
+    assert "Gravity is 0.71" in found.text() and "base is mounted" not in found.text()
+
+
+def test_a_cause_of_another_arm_is_refused_in_one_line(arm: Arm) -> None:
+    error = BodyError("wrist", (), 10 * (0.0,), 10 * (0.0,), 1.0)
+    for cause in (error, mounted("wrist", 0.3, 0.0, 0.0, 0.0)):
+        with pytest.raises(SignalError, match="has no joint 'wrist'; it has: dfki_shoulder, dfki_elbow"):
+            with_cause(arm, cause)
+
+
 def test_gravity_that_the_controller_subtracted_is_absent(arm: Arm, tmp_path: Path) -> None:
     found = find_cause(arm, [moved(arm, 40.0, bodies=with_gravity(arm, pulled(0.0, 0.0, 0.0)))])
     assert isinstance(found, Gravity) and found.absent and "absent from the recorded torques" in found.text()

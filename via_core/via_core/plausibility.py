@@ -65,7 +65,9 @@ from via_core.weak_form import fill_weights
 VARYING = 0.2  # [-] torques that vary less than this share of their size show no course
 KNOTS = 2  # values of the load factor in an interval: a sound spring may soften or stiffen within it
 TIE = 0.01  # [-] weight of their squared differences against the load of the whole interval
-LOADED = 500.0, 10.0  # largest change of a link's inertia (a rotor behind a gear) and gravity by what acts beside it
+# Largest factors on inertia and gravity of a link by what acts beside it: a rotor behind a gear had 400 times the
+# inertia of a wrist; wrong units change both by 57 or more.
+LOADED = 500.0, 10.0
 PRESLIDING = 2e-3  # [rad] of travel, within which dry friction has not built up and may point anywhere
 FIXED = 5  # unknowns before them: b, d, c, e, g
 PARTS = FIXED + KNOTS

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import pinocchio
 from via_core.signals import Array
 
-from via_gap.run.arm_equation import body_of
-from via_gap.run.arm_model import Arm
+from via_gap.run.arm_model import Arm, with_numbers
 from via_gap.run.arm_payload import REACH
 
 
@@ -48,12 +46,9 @@ class BodyError:
         )
 
 
-def with_body(arm: Arm, error: BodyError, joint: int) -> Arm:
-    """The arm with the body of its joint number `joint` as the error says."""
-    model, body = arm.model.copy(), body_of(arm, joint)
-    numbers = model.inertias[body].toDynamicParameters() + np.array(error.numbers)
-    model.inertias[body] = pinocchio.Inertia.FromDynamicParameters(numbers)
-    return Arm(arm.name, arm.devices, model, arm.order, arm.reference)
+def with_body(arm: Arm, error: BodyError) -> Arm:
+    """The arm with the body as the error says. Raises SignalError if the arm has no joint of its link."""
+    return with_numbers(arm, error.link, np.array(error.numbers))
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ from via_core.text_files import read_text
 
 from via_gap.logs.log import JointLog
 from via_gap.run.arm_body import BodyError, BodyNumbers, with_body
-from via_gap.run.arm_equation import ArmFit, Shared, blocks, body_of, exceeds
+from via_gap.run.arm_equation import ArmFit, Shared, blocks, exceeds
 from via_gap.run.arm_gravity import Gravity, MissingGravity, significant, with_gravity
-from via_gap.run.arm_model import Arm
+from via_gap.run.arm_model import Arm, body_of
 from via_gap.run.arm_payload import Payload, PointMass, with_payload
 from via_gap.selection.numbers import NUMBERS
 
@@ -75,9 +75,9 @@ def read_cause(path: Path) -> ArmCause:
 
 
 def with_cause(arm: Arm, cause: ArmCause) -> Arm:
-    """The arm that contains the cause."""
+    """The arm that contains the cause. Raises SignalError if the arm has no joint of its link."""
     if isinstance(cause, BodyError):
-        return with_body(arm, cause, [each.name for each in arm.devices].index(cause.link))
+        return with_body(arm, cause)
     return with_payload(arm, cause) if isinstance(cause, Payload) else with_gravity(arm, cause)
 
 
@@ -106,8 +106,7 @@ def _found(arm: Arm, best: ArmFit, sd: Array, others: Sequence[ArmFit], explaine
         if not significant(best.point, sd):
             return None
         modelled = arm.model.gravity.linear
-        here, wide, filed = (tuple(map(float, each)) for each in (modelled + best.point, sd, modelled))
-        return Gravity(here, wide, filed, tied, explained)  # type: ignore[arg-type]
+        return Gravity(_three(modelled + best.point), _three(sd), _three(modelled), tied, explained)
     mass, joint = float(best.point[0]), arm.devices[best.column]
     carried = sum(arm.model.inertias[body].mass for body in arm.model.subtrees[body_of(arm, best.column)])
     if (
@@ -116,6 +115,10 @@ def _found(arm: Arm, best: ArmFit, sd: Array, others: Sequence[ArmFit], explaine
         or mass < -(1.0 - EDGE) * best.cause.there
     ):
         return None
-    (x, y, z), (x_sd, y_sd, z_sd) = map(float, best.point[1:]), map(float, sd[1:])
     tied += ("gravity",) if len(tied) < len(others) else ()
-    return Payload(joint.name, tied, mass, float(sd[0]), (x, y, z), (x_sd, y_sd, z_sd), explained)
+    return Payload(joint.name, tied, mass, float(sd[0]), _three(best.point[1:]), _three(sd[1:]), explained)
+
+
+def _three(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

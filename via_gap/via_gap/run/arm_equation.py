@@ -18,7 +18,7 @@ Source: W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Bu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -28,7 +28,7 @@ from scipy.stats import t as student
 from via_core.signals import Array
 
 from via_gap.logs.log import JointLog
-from via_gap.run.arm_model import Arm, smoothed_motion, velocity_noise
+from via_gap.run.arm_model import Arm, body_of, smoothed_motion, under, velocity_noise
 from via_gap.selection.holdout import BLOCK
 from via_gap.selection.numbers import NUMBERS
 
@@ -136,11 +136,6 @@ def _losses(grams: Array, factors: Array, weight: Array) -> Array:
     return squares @ weight / grams[:, :, 0, 0].sum(axis=1)
 
 
-def body_of(arm: Arm, joint: int) -> int:
-    """Number in the model of the body that a joint of the arm moves."""
-    return next(i for i, each in enumerate(arm.model.joints) if i and each.idx_v == arm.order[joint])
-
-
 def blocks(arm: Arm, run: Sequence[JointLog]) -> list[Array]:
     """Gram matrices (n, n + 1, 16, 16) of the windows of each block of a recording: bodies, then gravity."""
     time = run[0].measured.time
@@ -207,13 +202,6 @@ def _rows(arm: Arm, drive: Array, motion: tuple[Array, Array, Array], length: in
             out[:, w, k, _Y] = total[arm.order, column : column + NUMBERS_OF_BODY] / length
     still = np.zeros(q[:used].shape)
     for axis, along in enumerate(np.eye(3)):
-        out[:, :, GRAVITY, OWN + axis] = mean(_under(arm, along).torques(q[:used], still, still))
+        out[:, :, GRAVITY, OWN + axis] = mean(under(arm, along).torques(q[:used], still, still))
     out[~steady] = np.nan
     return out
-
-
-def _under(arm: Arm, gravity: Array) -> Arm:
-    """The arm under a gravity (3,) [m/s^2]."""
-    model = arm.model.copy()
-    model.gravity.linear = gravity
-    return replace(arm, model=model)

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from via_core.signals import Array
 
 from via_gap.run.arm_equation import GRAVITY, NUMBERS_OF_BODY
-from via_gap.run.arm_model import Arm
+from via_gap.run.arm_model import Arm, under
 from via_gap.selection.numbers import NUMBERS
 
 WIDTH = 2.0 * 9.81  # [m/s^2] standard deviation of missing gravity before anything is known: it may be reversed
@@ -45,9 +45,19 @@ class Gravity:
         return float(np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other))
 
     @property
+    def size(self) -> float:
+        """Over the gravity of the model [-]."""
+        return float(np.linalg.norm(self.gravity) / np.linalg.norm(self.modelled))
+
+    @property
     def absent(self) -> bool:
-        """Whether the torques contain less than half of gravity."""
-        return float(np.linalg.norm(self.gravity)) < 0.5 * float(np.linalg.norm(self.modelled))
+        """Whether it is nearer to none than to that of the model."""
+        return self.size < 0.5
+
+    @property
+    def tilted(self) -> bool:
+        """Whether its direction has changed more than its size."""
+        return not self.absent and 2.0 * np.sin(0.5 * self.tilt) > abs(self.size - 1.0)
 
     def text(self) -> str:
         """One sentence."""
@@ -56,6 +66,9 @@ class Gravity:
         if self.absent:
             what = f"Gravity is absent from the recorded torques: they contain ({seen})"
             remedy = "The controller has subtracted it, or the model has wrong masses"
+        elif not self.tilted:
+            what = f"Gravity is {self.size:.3g} times that of the model: the torques contain ({seen})"
+            remedy = "Check the masses of the model and the torque constants of all drives"
         else:
             what = f"Gravity points {np.degrees(self.tilt):.2f} degrees away from that of the model: it is ({seen})"
             remedy = "Check how the base is mounted"
@@ -69,9 +82,7 @@ class Gravity:
 
 def with_gravity(arm: Arm, gravity: Gravity) -> Arm:
     """The arm under another gravity."""
-    model = arm.model.copy()
-    model.gravity.linear = np.array(gravity.gravity)
-    return Arm(arm.name, arm.devices, model, arm.order, arm.reference)
+    return under(arm, np.array(gravity.gravity))
 
 
 @dataclass(frozen=True)

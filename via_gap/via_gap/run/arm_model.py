@@ -7,7 +7,7 @@ arm = load_arm("dfki_double_pendulum")
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -130,6 +130,31 @@ def _built(shown: str, file: RigidArmFile, devices: tuple[Device, ...], model: p
         armature[order] = file.rotors
         model.armature = armature
     return Arm(file.name, devices, model, order)
+
+
+def with_numbers(arm: Arm, link: str, numbers: Array) -> Arm:
+    """The arm whose body at the joint `link` has `numbers` (10,) more, in pinocchio's order.
+
+    Raises SignalError if the arm has no such joint.
+    """
+    names = [each.name for each in arm.devices]
+    if link not in names:
+        raise SignalError(f"'{arm.name}' has no joint '{link}'; it has: {', '.join(names)}")
+    model, body = arm.model.copy(), body_of(arm, names.index(link))
+    model.inertias[body] = pinocchio.Inertia.FromDynamicParameters(model.inertias[body].toDynamicParameters() + numbers)
+    return replace(arm, model=model)
+
+
+def under(arm: Arm, gravity: Array) -> Arm:
+    """The arm under a gravity (3,) [m/s^2] in the frame of its base."""
+    model = arm.model.copy()
+    model.gravity.linear = gravity
+    return replace(arm, model=model)
+
+
+def body_of(arm: Arm, joint: int) -> int:
+    """Number in the model of the body that a joint of the arm moves."""
+    return next(i for i, each in enumerate(arm.model.joints) if i and each.idx_v == arm.order[joint])
 
 
 def smoothed_motion(time: Array, angle: Array, degree: int = 3) -> tuple[Array, Array, Array]:

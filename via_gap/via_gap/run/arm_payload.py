@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-import pinocchio
 from pydantic import TypeAdapter, ValidationError
 from scipy.optimize import least_squares
 from via_core.errors import SignalError
@@ -20,8 +19,7 @@ from via_core.problems import problems
 from via_core.signals import Array
 from via_core.text_files import read_text
 
-from via_gap.run.arm_equation import body_of
-from via_gap.run.arm_model import Arm
+from via_gap.run.arm_model import Arm, with_numbers
 
 REACH = 1.0  # [m] standard deviation of the position before anything is known: the size of an arm
 _LINE = np.linspace(-REACH, REACH, 11)
@@ -79,14 +77,7 @@ def is_payload(path: Path) -> bool:
 
 def with_payload(arm: Arm, payload: Payload) -> Arm:
     """The arm whose bodies contain the payload. Raises SignalError if the arm has no joint of its link."""
-    names = [each.name for each in arm.devices]
-    if payload.link not in names:
-        raise SignalError(f"'{arm.name}' has no joint '{payload.link}'; it has: {', '.join(names)}")
-    model = arm.model.copy()
-    body = body_of(arm, names.index(payload.link))
-    numbers = model.inertias[body].toDynamicParameters() + _point_mass(np.array([payload.mass, *payload.position]))
-    model.inertias[body] = pinocchio.Inertia.FromDynamicParameters(numbers)
-    return Arm(arm.name, arm.devices, model, arm.order, arm.reference)
+    return with_numbers(arm, payload.link, _point_mass(np.array([payload.mass, *payload.position])))
 
 
 @dataclass(frozen=True)

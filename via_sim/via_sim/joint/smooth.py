@@ -1,6 +1,6 @@
 """Ticks of a joint that `is_smooth`: kernel.py without events, memory, dead time and servos.
 
-Every tick has the bits of `kernel.take_tick` (test_sim_kernel.py compares them for all devices and effects). It is
+Every tick has the bits of `kernel.advance_tick` (test_sim_kernel.py compares them for all devices and effects). It is
 short because commands act at once and the number of steps per tick is constant.
 """
 

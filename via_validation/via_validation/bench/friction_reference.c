@@ -5,9 +5,9 @@
 enum { HALF = 0, FULL = 2, A_N = 4, B_N = 6, B_A = 8, C_N = 10, C_B = 12, END_N = 14, END_AB = 16, END_C = 18 };
 enum { LINK = 0, MOTOR = 1, MOST_EVENTS = 64 };
 
-// c (13,): spring coefficients 2; amplitude, order, phase of the ripple; drag; breakaway and kinetic friction and
+// c (14,): spring coefficients (2); amplitude, order, phase of the ripple; drag; breakaway and kinetic friction and
 // velocity of the link; dry friction of the motor; inertia of link and motors; their viscous friction follows (2).
-enum { SPRING, AMPLITUDE = 2, ORDER, PHASE, DRAG, BREAKAWAY, KINETIC, VELOCITY, DRY, M, B, D_LINK, D_MOTOR };
+enum { AMPLITUDE = 2, ORDER, PHASE, DRAG, BREAKAWAY, KINETIC, VELOCITY, DRY, M, B, D_LINK, D_MOTOR };
 
 static inline double spring(const double* c, double phi) { return (c[0] + c[1] * phi * phi) * phi; }
 
