@@ -22,7 +22,8 @@ from via_gap.residual.segments import cut_log
 from via_gap.run.arm_body import BodyError
 from via_gap.run.arm_cause import find_cause, read_cause, with_cause
 from via_gap.run.arm_gravity import Gravity, with_gravity
-from via_gap.run.arm_model import Arm, load_arm
+from via_gap.run.arm_model import Arm, body_of, load_arm, under
+from via_gap.run.arm_offset import AngleOffset
 from via_gap.run.arm_payload import Payload, read_payload, with_payload
 from via_gap.run.arms import arm_logs, read_arm_log
 from via_sim.effects import Effect
@@ -145,6 +146,49 @@ def test_a_wrong_centre_of_mass_is_a_wrong_body_and_no_payload(arm: Arm) -> None
     assert isinstance(found, BodyError) and (found.link, found.tied) == ("dfki_elbow", ())
     assert found.numbers[1] == pytest.approx(moment, abs=max(4.0 * found.numbers_sd[1], 0.002))
     assert "not that of the model" in found.text()
+
+
+@pytest.mark.parametrize("share", [0.4, -0.25])
+def test_a_body_of_another_density_is_one_unknown(arm: Arm, share: float, tmp_path: Path) -> None:
+    """A point mass at its centre of mass explains it as well, with four unknowns."""
+    link = "dfki_elbow"
+    numbers = share * arm.model.inertias[body_of(arm, 1)].toDynamicParameters()
+    planted = BodyError(link, (), tuple(numbers), 10 * (0.0,), 1.0)
+    found = find_cause(arm, [moved(arm, 40.0, bodies=with_cause(arm, planted))])
+    assert (
+        isinstance(found, BodyError) and found.link == link and found.share is not None and found.share_sd is not None
+    )
+    assert abs(found.share - share) < 3.0 * found.share_sd and found.share_sd < 0.02
+    assert f"{'heavier' if share > 0.0 else 'lighter'} than in the model" in found.text()
+    np.testing.assert_allclose(found.numbers, numbers * found.share / share, rtol=1e-9)
+    (file := tmp_path / "report_body.json").write_text(json.dumps(asdict(found)))
+    assert read_cause(file) == found
+
+
+def test_one_heavier_link_is_preferred_to_wrong_gains_of_two_drives(arm: Arm) -> None:
+    """In a horizontal plane both explain the torques; so does a payload."""
+    level = under(arm, np.zeros(3))
+    planted = BodyError("dfki_elbow", (), tuple(0.3 * level.model.inertias[2].toDynamicParameters()), 10 * (0.0,), 1.0)
+    found = find_cause(level, [moved(level, 40.0, bodies=with_cause(level, planted))])
+    assert isinstance(found, BodyError) and found.share == pytest.approx(0.3, abs=0.02)
+    assert "a payload at dfki_elbow" in found.tied and "wrong gains of dfki_shoulder, dfki_elbow" in found.tied
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_the_zero_of_an_angle_is_found_from_all_joints_together(arm: Arm, joint: int, tmp_path: Path) -> None:
+    run, link = moved(arm, 40.0), arm.devices[joint].name
+    shifted = run[joint].measured
+    channels = {**shifted.channels, "q": shifted["q"] + 0.05}
+    run[joint] = replace(run[joint], measured=replace(shifted, channels=channels))
+    found = find_cause(arm, [run])
+    assert isinstance(found, AngleOffset) and found.link == link
+    assert abs(found.offset - 0.05) < 3.0 * found.offset_sd + 0.05**2 / 2.0 and found.offset_sd < 0.005
+    assert "check the zero of its encoder" in found.text()
+    (file := tmp_path / "report_offset.json").write_text(json.dumps(asdict(found)))
+    assert read_cause(file) == found
+    q, v, a = np.random.default_rng(2).normal(size=(3, 5, 2))
+    there = q + found.offset * np.eye(2)[joint]
+    np.testing.assert_allclose(with_cause(arm, found).torques(there, v, a), arm.torques(q, v, a), atol=1e-12)
 
 
 def pulled(*gravity: float) -> Gravity:

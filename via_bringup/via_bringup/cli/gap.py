@@ -48,7 +48,7 @@ def diagnose(
     """Locate the gap between logs and model, identify its causes, and report the fraction that they explain.
 
     For an arm, one report per joint is written: report.json becomes report_JOINT.json. What all joints feel
-    is written to report_payload.json, report_body.json or report_gravity.json.
+    is written to report_payload.json, report_body.json, report_offset.json or report_gravity.json.
     """
     if (device is None) == (arm is None):
         raise ViaError("give either --device or --arm")

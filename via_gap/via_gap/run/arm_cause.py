@@ -1,11 +1,14 @@
-"""What all joints of an arm feel together: a payload, a wrong body, or other gravity than in the model.
+"""What all joints of an arm feel together: a wrong body, a wrong zero of an angle, a payload, or other gravity.
 
 A payload raises the torque of every joint by about the same share. Joint by joint it is therefore taken for a wrong
 gain of each drive, and a tilted base for couplings; only together do the joints show them. Models are compared by
-held-out errors of blocks: joints with wrong gains; each cause with right gains; each cause with wrong gains. The first
-must be significantly worse than one of the others; gains are wrong beside a cause only if that is significantly better,
-because gains can replace most of a payload. A payload is a point mass, a special case of a wrong body: a body is wrong
-only if that is significantly better than the best payload or gravity.
+held-out errors of blocks: joints with wrong gains; each cause with right gains; each cause with wrong gains.
+
+The smaller of two models holds unless the larger one is significantly better: of the causes, a body of another density
+or the zero of an angle (one unknown), gravity or a payload, which is a point mass (three and four), and any other error
+of a body (ten); of a cause with right and with wrong gains; of a cause and wrong gains alone, each of which is one
+unknown. So a cause with more unknowns than there are wrong gains must be significantly better than these, and any other
+cause must not be significantly worse.
 """
 
 from __future__ import annotations
@@ -22,17 +25,25 @@ from via_core.signals import Array
 from via_core.text_files import read_text
 
 from via_gap.logs.log import JointLog
-from via_gap.run.arm_body import BodyError, BodyNumbers, with_body
-from via_gap.run.arm_equation import ArmFit, Shared, blocks, exceeds
+from via_gap.run.arm_body import BodyError, BodyNumbers, Density, with_body
+from via_gap.run.arm_equation import ArmFit, OneUnknown, Shared, blocks, exceeds
 from via_gap.run.arm_gravity import Gravity, MissingGravity, significant, with_gravity
 from via_gap.run.arm_model import Arm, body_of
+from via_gap.run.arm_offset import LINEAR, AngleOffset, Zero, with_offset
 from via_gap.run.arm_payload import Payload, PointMass, with_payload
 from via_gap.selection.numbers import NUMBERS
 
 FEWEST = 4  # blocks fitted, and held out: with fewer a t test finds only what needs no test
 EDGE = 1e-3  # of the mass of a body: closer to its loss the mass counts as at the end of its range
 
-ArmCause = Payload | BodyError | Gravity
+_CERTAIN = norm.ppf(1.0 - 0.5 * NUMBERS.significance)  # sd by which a number must differ from zero
+_KINDS = {
+    Density: "the mass moved by",
+    Zero: "the zero of the angle of",
+    PointMass: "a payload at",
+    BodyNumbers: "the body moved by",
+}
+ArmCause = Payload | BodyError | Gravity | AngleOffset
 
 
 def find_cause(
@@ -45,25 +56,21 @@ def find_cause(
     fitted = [each for run in logs for each in blocks(arm, run)]
     held = [each for run in holdout for each in blocks(arm, run)] if holdout else fitted[1::2]
     fitted = fitted if holdout else fitted[::2]
-    if min(len(fitted), len(held)) < FEWEST:
+    if len(arm.devices) < 2 or min(len(fitted), len(held)) < FEWEST:
         return None
     train, test = np.stack(fitted), np.stack(held)
-    alone = ArmFit.of(train, None, gains=True)
-    plain, bodies = ([_better(train, test, each) for each in causes] for causes in _causes(arm))
-    best, body = (min(fits, key=lambda fit: float(fit.against(alone, test).mean())) for fits in (plain, bodies))
-    fits = plain
-    if exceeds(best.against(body, test), NUMBERS.significance / len(bodies)):
-        best, fits = body, bodies
-    gain = best.against(alone, test)
+    none, alone = (ArmFit.of(train, None, gains) for gains in (False, True))
+    best, rivals, tests = _smallest(arm, train, test, alone)
+    fewer = _unknowns(arm, best, train) <= _unknowns(arm, alone, train)
+    gain = best.against(none if fewer else alone, test)
     explained = 1.0 - float(np.exp(gain.mean()))
     if (
-        not exceeds(-gain - NUMBERS.margin, NUMBERS.significance / (len(plain) + len(bodies)))
+        not exceeds(-gain - NUMBERS.margin, NUMBERS.significance / tests)
         or explained < NUMBERS.substantial
+        or (fewer and exceeds(best.against(alone, test) - NUMBERS.margin, NUMBERS.significance))
     ):
         return None
-    others = [each for each in fits if each is not best and not exceeds(each.against(best, test), NUMBERS.significance)]
-    sd = np.maximum(best.jackknife(train), best.sd)
-    return _found(arm, best, sd, others, explained)
+    return _found(arm, best, best.uncertain(train)[0], _tied(arm, best, rivals, train, test), explained)
 
 
 def read_cause(path: Path) -> ArmCause:
@@ -71,52 +78,120 @@ def read_cause(path: Path) -> ArmCause:
     try:
         return TypeAdapter(ArmCause).validate_json(read_text(path))
     except ValidationError as error:
-        raise SignalError(f"{path}: no payload, body or gravity of an arm: {problems(error)}") from None
+        raise SignalError(f"{path}: no payload, body, offset or gravity of an arm: {problems(error)}") from None
 
 
 def with_cause(arm: Arm, cause: ArmCause) -> Arm:
     """The arm that contains the cause. Raises SignalError if the arm has no joint of its link."""
-    if isinstance(cause, BodyError):
-        return with_body(arm, cause)
-    return with_payload(arm, cause) if isinstance(cause, Payload) else with_gravity(arm, cause)
+    match cause:
+        case BodyError():
+            return with_body(arm, cause)
+        case Payload():
+            return with_payload(arm, cause)
+        case AngleOffset():
+            return with_offset(arm, cause)
+        case Gravity():
+            return with_gravity(arm, cause)
 
 
-def _causes(arm: Arm) -> tuple[list[Shared], list[Shared]]:
-    """Payloads and gravity; bodies."""
+def _smallest(arm: Arm, train: Array, test: Array, alone: ArmFit) -> tuple[ArmFit, list[ArmFit], int]:
+    """The cause of the fewest unknowns beside which none with more is significantly better; its rivals.
+
+    Also the number of models that were compared.
+    """
+    sorts = [[ArmFit.of(train, each, gains) for each in causes] for gains in (False, True) for causes in _causes(arm)]
+    bests = [min(fits, key=lambda fit: float(fit.against(alone, test).mean())) for fits in sorts]
+    chosen = 0
+    for larger in range(1, len(sorts)):
+        difference = bests[chosen].against(bests[larger], test) - NUMBERS.margin
+        if exceeds(difference, NUMBERS.significance / len(sorts[larger])):
+            chosen = larger
+    rivals = [each for each in sorts[chosen] if each is not bests[chosen]]
+    if isinstance(bests[chosen].cause, Density):
+        rivals.append(bests[chosen + 1])  # a payload or gravity
+    elif isinstance(bests[chosen].cause, Zero):
+        rivals += bests[chosen + 1 : chosen + 3]  # or a body, which contains one of another density
+    return bests[chosen], [*rivals, alone], sum(map(len, sorts))
+
+
+def _causes(arm: Arm) -> tuple[list[Shared], list[Shared], list[Shared]]:
+    """Bodies of another density and zeros of angles; payloads and gravity; bodies with any error."""
     whole = sum(each.mass for each in arm.model.inertias)
-    bodies = [arm.model.inertias[body_of(arm, k)].mass for k in range(len(arm.devices))]
+    bodies = [arm.model.inertias[body_of(arm, k)] for k in range(len(arm.devices))]
     gravity = [MissingGravity()] if np.any(arm.model.gravity.linear) else []
-    plain: list[Shared] = [*(PointMass(k, mass, whole) for k, mass in enumerate(bodies)), *gravity]
-    return plain, [BodyNumbers(k, whole) for k in range(len(bodies))]
+    single: list[Shared] = [Zero.of(arm, k) for k in range(len(bodies))]
+    single += [
+        Density(k, k, tuple(each.toDynamicParameters()), (-1.0, np.inf))
+        for k, each in enumerate(bodies)
+        if _felt_beside(arm, k)
+    ]
+    plain: list[Shared] = [*(PointMass(k, each.mass, whole) for k, each in enumerate(bodies)), *gravity]
+    return single, plain, [BodyNumbers(k, whole) for k in range(len(bodies))]
 
 
-def _better(train: Array, test: Array, cause: Shared) -> ArmFit:
-    """The cause with right gains, or with wrong gains if that is significantly better."""
-    right, wrong = (ArmFit.of(train, cause, gains) for gains in (False, True))
-    return wrong if exceeds(right.against(wrong, test) - NUMBERS.margin, NUMBERS.significance) else right
+def _felt_beside(arm: Arm, joint: int) -> bool:
+    """Whether other joints carry the body that a joint moves; else its own diagnosis shows more than the density."""
+    return len(arm.model.supports[body_of(arm, joint)]) > 2  # the base and the body
 
 
-def _found(arm: Arm, best: ArmFit, sd: Array, others: Sequence[ArmFit], explained: float) -> ArmCause | None:
+def _wrong_gains(arm: Arm, fit: ArmFit, train: Array) -> list[str]:
+    """Joints whose gain is wrong by more than a model's masses may be, and by more than it is uncertain."""
+    tolerated = np.array([each.tolerances.gravity for each in arm.devices])
+    wrong = np.abs(fit.gain) > np.maximum(tolerated, _CERTAIN * fit.uncertain(train)[1])
+    return [each.name for each, is_wrong in zip(arm.devices, wrong, strict=True) if is_wrong]
+
+
+def _unknowns(arm: Arm, fit: ArmFit, train: Array) -> int:
+    """Those of the cause, and wrong gains."""
+    return len(fit.point) + len(_wrong_gains(arm, fit, train)) if fit.gains else len(fit.point)
+
+
+def _tied(arm: Arm, best: ArmFit, rivals: Sequence[ArmFit], train: Array, test: Array) -> tuple[str, ...]:
+    """Rivals that are not significantly worse: joints of the same sort of cause, or other causes."""
+    equal = [each for each in rivals if not exceeds(each.against(best, test), NUMBERS.significance)]
+    return tuple(_words(arm, best, each, train) for each in equal)
+
+
+def _words(arm: Arm, best: ArmFit, tied: ArmFit, train: Array) -> str:
+    if tied.cause is None:
+        return f"wrong gains of {', '.join(_wrong_gains(arm, tied, train))}"
+    if isinstance(tied.cause, MissingGravity):
+        return Gravity.name
+    joint = arm.devices[_joint(tied)].name
+    return joint if isinstance(tied.cause, type(best.cause)) else f"{_KINDS[type(tied.cause)]} {joint}"
+
+
+def _joint(fit: ArmFit) -> int:
+    """Number of the joint of the cause, which is not gravity."""
+    return fit.cause.joint if isinstance(fit.cause, OneUnknown) else fit.column
+
+
+def _found(arm: Arm, best: ArmFit, sd: Array, tied: tuple[str, ...], explained: float) -> ArmCause | None:
     """The cause of the best fit with standard deviations sd (p,) of its unknowns; None where it may be zero."""
-    tied = tuple(arm.devices[each.column].name for each in others if not isinstance(each.cause, MissingGravity))
-    if isinstance(best.cause, BodyNumbers):
-        point, wide = (tuple(map(float, each)) for each in (best.point, sd))
-        return BodyError(arm.devices[best.column].name, tied, point, wide, explained)
-    if not isinstance(best.cause, PointMass):
+    cause = best.cause
+    if isinstance(cause, MissingGravity):
         if not significant(best.point, sd):
             return None
         modelled = arm.model.gravity.linear
         return Gravity(_three(modelled + best.point), _three(sd), _three(modelled), tied, explained)
-    mass, joint = float(best.point[0]), arm.devices[best.column]
+    joint = arm.devices[_joint(best)]
+    point, wide = (tuple(map(float, each)) for each in (best.point, sd))
+    if isinstance(cause, BodyNumbers):
+        return BodyError(joint.name, tied, point, wide, explained)
+    if isinstance(cause, Zero):
+        certain = _CERTAIN * wide[0] < abs(point[0]) < LINEAR
+        return AngleOffset(joint.name, tied, point[0], wide[0], explained) if certain else None
+    if isinstance(cause, Density):
+        if abs(point[0]) < max(joint.tolerances.gravity, _CERTAIN * wide[0]):
+            return None
+        numbers, numbers_sd = (tuple(map(float, cause.numbers(each))) for each in (best.point, sd))
+        return BodyError(joint.name, tied, numbers, tuple(map(abs, numbers_sd)), explained, point[0], wide[0])
+    assert isinstance(cause, PointMass)
+    mass = point[0]
     carried = sum(arm.model.inertias[body].mass for body in arm.model.subtrees[body_of(arm, best.column)])
-    if (
-        abs(mass) < joint.tolerances.gravity * carried
-        or abs(mass) < norm.ppf(1.0 - 0.5 * NUMBERS.significance) * sd[0]
-        or mass < -(1.0 - EDGE) * best.cause.there
-    ):
+    if abs(mass) < max(joint.tolerances.gravity * carried, _CERTAIN * wide[0]) or mass < -(1.0 - EDGE) * cause.there:
         return None
-    tied += ("gravity",) if len(tied) < len(others) else ()
-    return Payload(joint.name, tied, mass, float(sd[0]), _three(best.point[1:]), _three(sd[1:]), explained)
+    return Payload(joint.name, tied, mass, wide[0], _three(best.point[1:]), _three(sd[1:]), explained)
 
 
 def _three(values: Array) -> tuple[float, float, float]:

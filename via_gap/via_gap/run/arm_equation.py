@@ -35,7 +35,7 @@ from via_gap.selection.numbers import NUMBERS
 WINDOW = 0.1  # [s] of the averages: longer than the smoothing of the angles, short beside a motion of the arm
 DEGREE = 5  # of the polynomials that smooth the angles: bias of accelerations would remain, noise averages out
 OWN, NUMBERS_OF_BODY = 5, 10  # columns of z and of Y; one column of the missing torque follows
-GRAVITY = -1  # column of gravity in the blocks, after those of the bodies
+GRAVITY = -1  # column of gravity in the blocks, after those of the bodies and of the offsets of angles
 _Z, _Y = slice(0, OWN), slice(OWN, OWN + NUMBERS_OF_BODY)  # the gain is the last of z
 
 
@@ -44,13 +44,33 @@ class Shared(Protocol):
 
     @property
     def column(self) -> int:
-        """Number of its Y in the blocks: that of a body, or GRAVITY."""
+        """Number of its Y in the blocks: that of a body or offset, or GRAVITY."""
 
     def numbers(self, point: Array) -> Array:
         """phi (10,)."""
 
     def solved(self, root: Array, start: Array | None) -> tuple[Array, Array]:
         """Unknowns and standard deviations (p,) with the least |root (phi, -1)|, root (11, 11); start: a guess."""
+
+
+@dataclass(frozen=True)
+class OneUnknown:
+    """A `Shared` cause that is one unknown (1,), within bounds, times a direction (10,) of phi; joint: its number."""
+
+    column: int
+    joint: int
+    direction: tuple[float, ...]
+    bounds: tuple[float, float]
+
+    def numbers(self, point: Array) -> Array:
+        """The unknown times the direction."""
+        return np.asarray(point[0] * np.array(self.direction))
+
+    def solved(self, root: Array, start: Array | None) -> tuple[Array, Array]:
+        """Least squares within the bounds, with a prior of standard deviation one."""
+        row = root[:, :-1] @ np.array(self.direction)
+        precision = float(row @ row) + 1.0
+        return np.clip([float(row @ root[:, -1]) / precision], *self.bounds), np.array([precision**-0.5])
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +91,11 @@ class ArmFit:
     @property
     def column(self) -> int:
         return 0 if self.cause is None else self.cause.column
+
+    @property
+    def gain(self) -> Array:
+        """(n,) share of each required torque that a wrong gain adds to the drive's torque; 0 with right gains."""
+        return np.asarray(self.factors[:, OWN - 1])
 
     @staticmethod
     def of(train: Array, cause: Shared | None, gains: bool, start: Array | None = None) -> ArmFit:
@@ -96,11 +121,22 @@ class ArmFit:
         tiny = np.finfo(float).tiny  # blocks at rest have no error
         return np.asarray(np.log((own + tiny) / (its + tiny)))
 
-    def jackknife(self, train: Array) -> Array:
-        """(p,) standard deviations from the scatter between blocks, within which errors are not independent."""
+    def uncertain(self, train: Array) -> tuple[Array, Array]:
+        """Standard deviations of the unknowns (p,) and of the gains (n,).
+
+        From the scatter between blocks (jackknife), because errors within a block are not independent.
+        """
         every = np.arange(len(train))
-        left_out = [ArmFit.of(train[every != b], self.cause, self.gains, self.point).point for b in every]
-        return np.asarray(np.sqrt((len(every) - 1) * np.var(left_out, axis=0)))
+        left_out = [ArmFit.of(train[every != b], self.cause, self.gains, self.point) for b in every]
+        points, gains = (np.array(each) for each in zip(*((fit.point, fit.gain) for fit in left_out), strict=True))
+        point, gain = (np.sqrt((len(every) - 1) * np.var(each, axis=0)) for each in (points, gains))
+        return np.asarray(np.maximum(point, self.sd)), np.asarray(gain)
+
+
+def offset_column(joints: int, joint: int) -> tuple[int, int]:
+    """Column of the torque per offset [N m/rad] of a joint's angle in the blocks, and its place in phi."""
+    group, slot = divmod(joint, NUMBERS_OF_BODY)
+    return joints + group, slot
 
 
 def exceeds(differences: Array, significance: float) -> bool:
@@ -137,7 +173,7 @@ def _losses(grams: Array, factors: Array, weight: Array) -> Array:
 
 
 def blocks(arm: Arm, run: Sequence[JointLog]) -> list[Array]:
-    """Gram matrices (n, n + 1, 16, 16) of the windows of each block of a recording: bodies, then gravity."""
+    """Gram matrices (n, columns, 16, 16) of the windows of each block: bodies, offsets of angles, gravity."""
     time = run[0].measured.time
     angle = np.stack([log.measured["q"] for log in run], axis=1)
     q, v, a = smoothed_motion(time, angle, DEGREE)
@@ -165,14 +201,14 @@ def _drive_torque(log: JointLog, angle: Array, velocity: Array) -> Array:
 
 
 def _grams(rows: Array) -> Array:
-    """(n, n + 1, 16, 16) from rows (n, windows, n + 1, 16); those with NaN do not count."""
+    """(n, columns, 16, 16) from rows (n, windows, columns, 16); those with NaN do not count."""
     usable = np.isfinite(rows).all(axis=-1, keepdims=True)
     kept = np.where(usable, rows, 0.0)
     return np.einsum("iwkp,iwkq->ikpq", kept, kept)
 
 
 def _rows(arm: Arm, drive: Array, motion: tuple[Array, Array, Array], length: int, count: int) -> Array:
-    """Averages (n, windows, n + 1, 16) of all columns; NaN where a joint reverses or its torque `drive` is NaN."""
+    """Averages (n, windows, columns, 16); NaN where a joint reverses or its torque `drive` is NaN."""
     q, v, a = motion
     n, used = q.shape[1], length * count
     model, data = arm.model, arm.model.createData()
@@ -190,16 +226,21 @@ def _rows(arm: Arm, drive: Array, motion: tuple[Array, Array, Array], length: in
     signs = np.sign(mean(np.sign(v)))
     steady = np.abs(mean(np.sign(v))) == 1.0
     own = np.stack([np.ones((n, count)), signs, mean(v), mean(a), mean(required)], axis=-1)
-    out = np.zeros((n, count, n + 1, OWN + NUMBERS_OF_BODY + 1))
+    offsets = [offset_column(n, k) for k in range(n)]
+    out = np.zeros((n, count, offsets[-1][0] + 2, OWN + NUMBERS_OF_BODY + 1))
     out[..., _Z], out[..., -1] = own[:, :, None], mean(missing)[:, :, None]
     velocity, acceleration = np.zeros(model.nv), np.zeros(model.nv)
     for w in range(count):
-        total = np.zeros((model.nv, NUMBERS_OF_BODY * (model.njoints - 1)))
+        total, stiffness = np.zeros((model.nv, NUMBERS_OF_BODY * (model.njoints - 1))), np.zeros((model.nv, model.nv))
         for k in range(w * length, (w + 1) * length):
             velocity[arm.order], acceleration[arm.order] = v[k], a[k]
-            total += pinocchio.computeJointTorqueRegressor(model, data, arm.configuration(q[k]), velocity, acceleration)
+            state = arm.configuration(q[k]), velocity, acceleration
+            total += pinocchio.computeJointTorqueRegressor(model, data, *state)
+            stiffness += pinocchio.computeRNEADerivatives(model, data, *state)[0]
         for k, column in enumerate(bodies):
             out[:, w, k, _Y] = total[arm.order, column : column + NUMBERS_OF_BODY] / length
+        for k, (group, slot) in enumerate(offsets):
+            out[:, w, group, OWN + slot] = -stiffness[arm.order, arm.order[k]] / length
     still = np.zeros(q[:used].shape)
     for axis, along in enumerate(np.eye(3)):
         out[:, :, GRAVITY, OWN + axis] = mean(under(arm, along).torques(q[:used], still, still))

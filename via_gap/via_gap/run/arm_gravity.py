@@ -27,7 +27,7 @@ class Gravity:
 
     gravity  (3,) [m/s^2] in the torques, with gravity_sd
     modelled (3,) [m/s^2] in the model
-    tied     joints with a payload that explains the torques as well
+    tied     other causes that explain as much, such as a payload
     explained  share of the held-out squared error left by errors of single joints that it removes
     """
 
@@ -72,7 +72,7 @@ class Gravity:
         else:
             what = f"Gravity points {np.degrees(self.tilt):.2f} degrees away from that of the model: it is ({seen})"
             remedy = "Check how the base is mounted"
-        other = f" (or a payload at {', '.join(self.tied)})" if self.tied else ""
+        other = f" (or {', '.join(self.tied)})" if self.tied else ""
         return (
             f"{what}, not ({stated}) m/s^2 in the frame of the base{other}. {remedy}. It explains "
             f"{100.0 * self.explained:.3g} % of the squared missing torque that errors of single joints leave. "

@@ -137,12 +137,17 @@ def with_numbers(arm: Arm, link: str, numbers: Array) -> Arm:
 
     Raises SignalError if the arm has no such joint.
     """
-    names = [each.name for each in arm.devices]
-    if link not in names:
-        raise SignalError(f"'{arm.name}' has no joint '{link}'; it has: {', '.join(names)}")
-    model, body = arm.model.copy(), body_of(arm, names.index(link))
+    model, body = arm.model.copy(), body_of(arm, joint_number(arm, link))
     model.inertias[body] = pinocchio.Inertia.FromDynamicParameters(model.inertias[body].toDynamicParameters() + numbers)
     return replace(arm, model=model)
+
+
+def joint_number(arm: Arm, name: str) -> int:
+    """Number of a joint, from the base. Raises SignalError if the arm has no such joint."""
+    names = [each.name for each in arm.devices]
+    if name not in names:
+        raise SignalError(f"'{arm.name}' has no joint '{name}'; it has: {', '.join(names)}")
+    return names.index(name)
 
 
 def under(arm: Arm, gravity: Array) -> Arm:

@@ -1,0 +1,67 @@
+"""A joint whose angle is counted from another zero than in an arm's model: a cause that all joints feel.
+
+A wrong zero of joint k, by delta, changes the torque that the measured angles require of every joint (arm_equation.py):
+Y is the derivative of these torques by q_k with opposite sign, phi is delta.
+
+Source: J. Carpentier, N. Mansard, Analytical derivatives of rigid body dynamics algorithms, Robotics: Science and
+Systems 2018.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from via_gap.run.arm_equation import NUMBERS_OF_BODY, OneUnknown, offset_column
+from via_gap.run.arm_model import Arm, joint_number
+
+
+@dataclass(frozen=True)
+class AngleOffset:
+    """A wrong zero of a joint's angle.
+
+    link       the joint
+    tied       other causes that explain as much
+    offset     [rad] of the measured angle: measured minus true, with offset_sd
+    explained  share of the held-out squared error left by errors of single joints that it removes
+    """
+
+    link: str
+    tied: tuple[str, ...]
+    offset: float
+    offset_sd: float
+    explained: float
+    name: ClassVar[str] = "offset"
+
+    def text(self) -> str:
+        """One sentence."""
+        other = f" (or {', '.join(self.tied)})" if self.tied else ""
+        size = f"{np.degrees(self.offset):.3g} ± {np.degrees(self.offset_sd):.2g} degrees"
+        return (
+            f"The angle of {self.link}{other} is {size} "
+            f"({self.offset:.4f} rad) larger than in the model: check the zero of its encoder. This explains "
+            f"{100.0 * self.explained:.3g} % of the squared missing torque that errors of single joints leave. "
+            "The joints are diagnosed with it."
+        )
+
+
+LINEAR = 0.2  # [rad] largest offset: beyond it the derivative is wrong by more than 2 %, and a body may resemble it
+
+
+class Zero(OneUnknown):
+    """The offset [rad] of a joint's angle."""
+
+    @staticmethod
+    def of(arm: Arm, joint: int) -> Zero:
+        """That of the joint with this number."""
+        column, slot = offset_column(len(arm.devices), joint)
+        return Zero(column, joint, tuple(np.eye(NUMBERS_OF_BODY)[slot]), (-LINEAR, LINEAR))
+
+
+def with_offset(arm: Arm, error: AngleOffset) -> Arm:
+    """The arm that counts the angle from its true zero. Raises SignalError if the arm has no joint of that name."""
+    reference = np.zeros(len(arm.devices)) if arm.reference is None else arm.reference.copy()
+    reference[joint_number(arm, error.link)] += error.offset
+    return replace(arm, reference=reference)
