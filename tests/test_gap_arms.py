@@ -20,7 +20,7 @@ from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_gap.run.arm_body import BodyError
-from via_gap.run.arm_cause import find_cause, read_cause, with_cause
+from via_gap.run.arm_cause import ArmCause, find_causes, read_cause, with_causes
 from via_gap.run.arm_gravity import Gravity, with_gravity
 from via_gap.run.arm_model import Arm, body_of, load_arm, under
 from via_gap.run.arm_offset import AngleOffset
@@ -134,6 +134,13 @@ def test_friction_withheld_is_found_at_each_joint_on_a_log_not_fitted(arm: Arm, 
         assert traces and all(len(figure.time) > 20 for figure in traces)
 
 
+def find_cause(arm: Arm, logs: list[list[JointLog]]) -> ArmCause | None:
+    """The only cause."""
+    found = find_causes(arm, logs)
+    assert len(found) < 2
+    return found[0] if found else None
+
+
 def mounted(link: str, mass: float, *position: float) -> Payload:
     x, y, z = position
     return Payload(link, (), mass, 0.0, (x, y, z), (0.0, 0.0, 0.0), 1.0)
@@ -142,7 +149,7 @@ def mounted(link: str, mass: float, *position: float) -> Payload:
 def test_a_wrong_centre_of_mass_is_a_wrong_body_and_no_payload(arm: Arm) -> None:
     moment = 0.08  # [kg m] across the elbow's body
     planted = BodyError("dfki_elbow", (), (0.0, moment, *8 * [0.0]), 10 * (0.0,), 1.0)
-    found = find_cause(arm, [moved(arm, 40.0, bodies=with_cause(arm, planted))])
+    found = find_cause(arm, [moved(arm, 40.0, bodies=with_causes(arm, [planted]))])
     assert isinstance(found, BodyError) and (found.link, found.tied) == ("dfki_elbow", ())
     assert found.numbers[1] == pytest.approx(moment, abs=max(4.0 * found.numbers_sd[1], 0.002))
     assert "not that of the model" in found.text()
@@ -154,7 +161,7 @@ def test_a_body_of_another_density_is_one_unknown(arm: Arm, share: float, tmp_pa
     link = "dfki_elbow"
     numbers = share * arm.model.inertias[body_of(arm, 1)].toDynamicParameters()
     planted = BodyError(link, (), tuple(numbers), 10 * (0.0,), 1.0)
-    found = find_cause(arm, [moved(arm, 40.0, bodies=with_cause(arm, planted))])
+    found = find_cause(arm, [moved(arm, 40.0, bodies=with_causes(arm, [planted]))])
     assert (
         isinstance(found, BodyError) and found.link == link and found.share is not None and found.share_sd is not None
     )
@@ -169,7 +176,7 @@ def test_one_heavier_link_is_preferred_to_wrong_gains_of_two_drives(arm: Arm) ->
     """In a horizontal plane both explain the torques; so does a payload."""
     level = under(arm, np.zeros(3))
     planted = BodyError("dfki_elbow", (), tuple(0.3 * level.model.inertias[2].toDynamicParameters()), 10 * (0.0,), 1.0)
-    found = find_cause(level, [moved(level, 40.0, bodies=with_cause(level, planted))])
+    found = find_cause(level, [moved(level, 40.0, bodies=with_causes(level, [planted]))])
     assert isinstance(found, BodyError) and found.share == pytest.approx(0.3, abs=0.02)
     assert "a payload at dfki_elbow" in found.tied and "wrong gains of dfki_shoulder, dfki_elbow" in found.tied
 
@@ -188,7 +195,19 @@ def test_the_zero_of_an_angle_is_found_from_all_joints_together(arm: Arm, joint:
     assert read_cause(file) == found
     q, v, a = np.random.default_rng(2).normal(size=(3, 5, 2))
     there = q + found.offset * np.eye(2)[joint]
-    np.testing.assert_allclose(with_cause(arm, found).torques(there, v, a), arm.torques(q, v, a), atol=1e-12)
+    np.testing.assert_allclose(with_causes(arm, [found]).torques(there, v, a), arm.torques(q, v, a), atol=1e-12)
+
+
+def test_several_causes_are_fitted_beside_each_other(arm: Arm) -> None:
+    run = moved(arm, 40.0, bodies=with_payload(arm, mounted("dfki_elbow", 0.3, 0.0, 0.0, -0.2)))
+    shifted = run[0].measured
+    channels = {**shifted.channels, "q": shifted["q"] + 0.05}
+    run[0] = replace(run[0], measured=replace(shifted, channels=channels))
+    by_name = {each.name: each for each in find_causes(arm, [run])}
+    payload, offset = by_name["payload"], by_name["offset"]
+    assert isinstance(payload, Payload) and isinstance(offset, AngleOffset) and len(by_name) == 2
+    assert abs(payload.mass - 0.3) < 3.0 * payload.mass_sd + 0.002 and payload.mass_sd < 0.01
+    assert abs(offset.offset - 0.05) < 3.0 * offset.offset_sd + 0.05**2 / 2.0 and offset.offset_sd < 0.005
 
 
 def pulled(*gravity: float) -> Gravity:
@@ -218,7 +237,7 @@ def test_a_cause_of_another_arm_is_refused_in_one_line(arm: Arm) -> None:
     error = BodyError("wrist", (), 10 * (0.0,), 10 * (0.0,), 1.0)
     for cause in (error, mounted("wrist", 0.3, 0.0, 0.0, 0.0)):
         with pytest.raises(SignalError, match="has no joint 'wrist'; it has: dfki_shoulder, dfki_elbow"):
-            with_cause(arm, cause)
+            with_causes(arm, [cause])
 
 
 def test_gravity_that_the_controller_subtracted_is_absent(arm: Arm, tmp_path: Path) -> None:
@@ -226,7 +245,7 @@ def test_gravity_that_the_controller_subtracted_is_absent(arm: Arm, tmp_path: Pa
     assert isinstance(found, Gravity) and found.absent and "absent from the recorded torques" in found.text()
     (file := tmp_path / "report_gravity.json").write_text(json.dumps(asdict(found)))
     assert read_cause(file) == found
-    assert np.linalg.norm(with_cause(arm, found).model.gravity.linear) < 0.2
+    assert np.linalg.norm(with_causes(arm, [found]).model.gravity.linear) < 0.2
 
 
 @pytest.mark.parametrize("position", [(0.0, 0.0, -0.2), (0.05, 0.0, -0.2)])

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -25,6 +26,9 @@ from via_bringup.cli.console import answers, working
 from via_bringup.cli.gap_arm import Arm, CountsPerTurn, TorqueConstant, diagnosed_arm, joint_of_arm
 from via_bringup.cli.outputs import check_files
 from via_bringup.cli.own_effects import OwnEffects
+
+if TYPE_CHECKING:
+    from via_gap.run.arms import ArmCause
 
 
 def diagnose(
@@ -48,16 +52,17 @@ def diagnose(
     """Locate the gap between logs and model, identify its causes, and report the fraction that they explain.
 
     For an arm, one report per joint is written: report.json becomes report_JOINT.json. What all joints feel
-    is written to report_payload.json, report_body.json, report_offset.json or report_gravity.json.
+    is written to report_payload.json, report_body.json, report_offset.json or report_gravity.json, with the
+    name of its joint appended if there are several of a kind.
     """
     if (device is None) == (arm is None):
         raise ViaError("give either --device or --arm")
     check_files(out, html, effects_out)
     with working("reading and diagnosing") as progress:
-        cause = None
+        causes: tuple[ArmCause, ...] = ()
         if arm is not None:
             found = diagnosed_arm(arm, logs, holdout or (), (counts_per_turn, torque_constant), progress)
-            cause, reports = found.cause, found.reports
+            causes, reports = found.causes, found.reports
         else:
             described = load_device(device or "")
             everything = read_logs([*logs, *(holdout or ())], described)
@@ -65,11 +70,11 @@ def diagnose(
             report = diagnosed(read, described, held or None, progress)
             progress("searching for a motion that separates tied causes", 1.0)
             reports = (with_proposal(report, described),)
-    if cause is not None:
+    for cause, name in zip(causes, _names(causes), strict=True):
         answers.print(f"{cause.text()}\n", soft_wrap=True)
         if out is not None:
-            write_text(_named(out, cause.name), json.dumps(asdict(cause), indent=2) + "\n")
-            answers.print(f"wrote {_named(out, cause.name)}\n")
+            write_text(_named(out, name), json.dumps(asdict(cause), indent=2) + "\n")
+            answers.print(f"wrote {_named(out, name)}\n")
     for number, report in enumerate(reports):
         answers.print("\n" * (number > 0) + text(report), soft_wrap=True)
         joint = report.joint if arm is not None else ""
@@ -84,6 +89,12 @@ def diagnose(
                 answers.print(f"wrote {_named(path, joint)}")
         if out is not None and device is not None and report.repaired():
             answers.print(f"next: via export {out} --device {device} --to mjcf --check {logs[0]}", soft_wrap=True)
+
+
+def _names(causes: Sequence[ArmCause]) -> list[str]:
+    """What all joints of an arm feel, for names of files: its sort, with its link if there are several."""
+    sorts = [each.name for each in causes]
+    return [each.name if sorts.count(each.name) == 1 else f"{each.name}_{each.link}" for each in causes]
 
 
 def _named(path: Path, joint: str) -> Path:
@@ -115,7 +126,8 @@ def simulate(
     ] = None,
     arm: Arm = None,
     payload: Annotated[
-        Path | None, typer.Option(help="report_payload.json, _body or _gravity of `via gap diagnose --arm`.")
+        list[Path] | None,
+        typer.Option(help="report_payload.json, _body, _offset or _gravity of `via gap diagnose --arm`; repeatable."),
     ] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
     counts_per_turn: CountsPerTurn = None,
@@ -132,7 +144,7 @@ def simulate(
     added = load_effects(effects) if effects is not None else saved.repaired() if saved is not None else ()
     held_out = saved.held_out if saved is not None else ()
     if arm is not None:
-        read = joint_of_arm(arm, described, logs, payload, (counts_per_turn, torque_constant))
+        read = joint_of_arm(arm, described, logs, payload or (), (counts_per_turn, torque_constant))
     else:
         read = read_logs(logs, described)
     by_equations = arm is not None or (saved is not None and saved.by_equations)

@@ -8,7 +8,7 @@ The smaller of two models holds unless the larger one is significantly better: o
 or the zero of an angle (one unknown), gravity or a payload, which is a point mass (three and four), and any other error
 of a body (ten); of a cause with right and with wrong gains; of a cause and wrong gains alone, each of which is one
 unknown. So a cause with more unknowns than there are wrong gains must be significantly better than these, and any other
-cause must not be significantly worse.
+cause must not be significantly worse. Causes are added one at a time; each is fitted again beside the others.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from via_gap.run.arm_body import BodyError, BodyNumbers, Density, with_body
 from via_gap.run.arm_equation import ArmFit, OneUnknown, Shared, blocks, exceeds
 from via_gap.run.arm_gravity import Gravity, MissingGravity, significant, with_gravity
 from via_gap.run.arm_model import Arm, body_of
-from via_gap.run.arm_offset import LINEAR, AngleOffset, Zero, with_offset
+from via_gap.run.arm_offset import LINEAR, AngleOffset, Zero, Zeros, with_offset
 from via_gap.run.arm_payload import Payload, PointMass, with_payload
 from via_gap.selection.numbers import NUMBERS
 
@@ -46,19 +46,36 @@ _KINDS = {
 ArmCause = Payload | BodyError | Gravity | AngleOffset
 
 
-def find_cause(
+def find_causes(
     arm: Arm, logs: Sequence[Sequence[JointLog]], holdout: Sequence[Sequence[JointLog]] = ()
-) -> ArmCause | None:
-    """The cause that explains what errors of single joints leave; None if there is none, or if it cannot be tested.
+) -> tuple[ArmCause, ...]:
+    """The causes that explain what errors of single joints leave; none if there is none, or if it cannot be tested.
 
     logs, holdout: recordings of the whole arm, one log per joint each; without `holdout` every second block is held out
     """
-    fitted = [each for run in logs for each in blocks(arm, run)]
-    held = [each for run in holdout for each in blocks(arm, run)] if holdout else fitted[1::2]
-    fitted = fitted if holdout else fitted[::2]
-    if len(arm.devices) < 2 or min(len(fitted), len(held)) < FEWEST:
-        return None
-    train, test = np.stack(fitted), np.stack(held)
+
+    def found_beside(others: Sequence[ArmCause], again: ArmCause | None = None) -> ArmCause | None:
+        carrying = with_causes(arm, others)
+        fitted = [each for run in logs for each in blocks(carrying, run)]
+        held = [each for run in holdout for each in blocks(carrying, run)] if holdout else fitted[1::2]
+        fitted = fitted if holdout else fitted[::2]
+        if min(len(fitted), len(held)) < FEWEST:
+            return None
+        train, test = np.stack(fitted), np.stack(held)
+        return _find(carrying, train, test) if again is None else _fitted_again(carrying, again, train, test)
+
+    causes: list[ArmCause] = []
+    while len(causes) < len(arm.devices) > 1 and (new := found_beside(causes)) is not None:
+        if any((each.name, each.link) == (new.name, new.link) for each in causes):
+            break  # fits that do not converge
+        causes.append(new)
+        for i in [*range(len(causes) - 1), *range(len(causes))] if len(causes) > 1 else []:
+            again = found_beside([each for each in causes if each is not causes[i]], causes[i])
+            causes[i] = again or causes[i]
+    return tuple(causes)
+
+
+def _find(arm: Arm, train: Array, test: Array) -> ArmCause | None:
     none, alone = (ArmFit.of(train, None, gains) for gains in (False, True))
     best, rivals, tests = _smallest(arm, train, test, alone)
     fewer = _unknowns(arm, best, train) <= _unknowns(arm, alone, train)
@@ -81,17 +98,32 @@ def read_cause(path: Path) -> ArmCause:
         raise SignalError(f"{path}: no payload, body, offset or gravity of an arm: {problems(error)}") from None
 
 
-def with_cause(arm: Arm, cause: ArmCause) -> Arm:
-    """The arm that contains the cause. Raises SignalError if the arm has no joint of its link."""
-    match cause:
-        case BodyError():
-            return with_body(arm, cause)
-        case Payload():
-            return with_payload(arm, cause)
-        case AngleOffset():
-            return with_offset(arm, cause)
-        case Gravity():
-            return with_gravity(arm, cause)
+def with_causes(arm: Arm, causes: Sequence[ArmCause]) -> Arm:
+    """The arm that contains the causes. Raises SignalError if the arm has no joint of their links."""
+    for cause in causes:
+        match cause:
+            case BodyError():
+                arm = with_body(arm, cause)
+            case Payload():
+                arm = with_payload(arm, cause)
+            case AngleOffset():
+                arm = with_offset(arm, cause)
+            case Gravity():
+                arm = with_gravity(arm, cause)
+    return arm
+
+
+def _fitted_again(arm: Arm, cause: ArmCause, train: Array, test: Array) -> ArmCause | None:
+    """The same cause with other numbers; None where it may be zero. Raises StopIteration if it is not the arm's."""
+    sort = {BodyError: BodyNumbers, Payload: PointMass, AngleOffset: Zero, Gravity: MissingGravity}[type(cause)]
+    if isinstance(cause, BodyError) and cause.share is not None:
+        sort = Density
+    alike = (each for causes in _causes(arm) for each in causes if isinstance(each, sort))
+    names = [each.name for each in arm.devices]
+    same = next(each for each in alike if sort is MissingGravity or names[_joint(each)] == cause.link)
+    right, wrong = (ArmFit.of(train, same, gains) for gains in (False, True))
+    fit = wrong if exceeds(right.against(wrong, test) - NUMBERS.margin, NUMBERS.significance) else right
+    return _found(arm, fit, fit.uncertain(train)[0], cause.tied, cause.explained)
 
 
 def _smallest(arm: Arm, train: Array, test: Array, alone: ArmFit) -> tuple[ArmFit, list[ArmFit], int]:
@@ -110,12 +142,12 @@ def _smallest(arm: Arm, train: Array, test: Array, alone: ArmFit) -> tuple[ArmFi
     if isinstance(bests[chosen].cause, Density):
         rivals.append(bests[chosen + 1])  # a payload or gravity
     elif isinstance(bests[chosen].cause, Zero):
-        rivals += bests[chosen + 1 : chosen + 3]  # or a body, which contains one of another density
+        rivals += [bests[chosen + 1], bests[chosen + 3]]  # or a body, which contains one of another density
     return bests[chosen], [*rivals, alone], sum(map(len, sorts))
 
 
-def _causes(arm: Arm) -> tuple[list[Shared], list[Shared], list[Shared]]:
-    """Bodies of another density and zeros of angles; payloads and gravity; bodies with any error."""
+def _causes(arm: Arm) -> tuple[list[Shared], ...]:
+    """Bodies of another density and zeros of angles; payloads and gravity; zeros of all angles; any error of a body."""
     whole = sum(each.mass for each in arm.model.inertias)
     bodies = [arm.model.inertias[body_of(arm, k)] for k in range(len(arm.devices))]
     gravity = [MissingGravity()] if np.any(arm.model.gravity.linear) else []
@@ -126,7 +158,7 @@ def _causes(arm: Arm) -> tuple[list[Shared], list[Shared], list[Shared]]:
         if _felt_beside(arm, k)
     ]
     plain: list[Shared] = [*(PointMass(k, each.mass, whole) for k, each in enumerate(bodies)), *gravity]
-    return single, plain, [BodyNumbers(k, whole) for k in range(len(bodies))]
+    return single, plain, [Zeros.of(arm)], [BodyNumbers(k, whole) for k in range(len(bodies))]
 
 
 def _felt_beside(arm: Arm, joint: int) -> bool:
@@ -157,13 +189,13 @@ def _words(arm: Arm, best: ArmFit, tied: ArmFit, train: Array) -> str:
         return f"wrong gains of {', '.join(_wrong_gains(arm, tied, train))}"
     if isinstance(tied.cause, MissingGravity):
         return Gravity.name
-    joint = arm.devices[_joint(tied)].name
+    joint = arm.devices[_joint(tied.cause)].name
     return joint if isinstance(tied.cause, type(best.cause)) else f"{_KINDS[type(tied.cause)]} {joint}"
 
 
-def _joint(fit: ArmFit) -> int:
-    """Number of the joint of the cause, which is not gravity."""
-    return fit.cause.joint if isinstance(fit.cause, OneUnknown) else fit.column
+def _joint(cause: Shared) -> int:
+    """Number of the joint of a cause other than gravity."""
+    return cause.joint if isinstance(cause, OneUnknown) else cause.column
 
 
 def _found(arm: Arm, best: ArmFit, sd: Array, tied: tuple[str, ...], explained: float) -> ArmCause | None:
@@ -174,7 +206,9 @@ def _found(arm: Arm, best: ArmFit, sd: Array, tied: tuple[str, ...], explained: 
             return None
         modelled = arm.model.gravity.linear
         return Gravity(_three(modelled + best.point), _three(sd), _three(modelled), tied, explained)
-    joint = arm.devices[_joint(best)]
+    if isinstance(cause, Zeros):  # one after the other, beginning with the clearest
+        return _found(arm, *cause.clearest(arm, best, sd), tied, explained)
+    joint = arm.devices[_joint(cause)]
     point, wide = (tuple(map(float, each)) for each in (best.point, sd))
     if isinstance(cause, BodyNumbers):
         return BodyError(joint.name, tied, point, wide, explained)

@@ -37,6 +37,7 @@ class Gravity:
     tied: tuple[str, ...]
     explained: float
     name: ClassVar[str] = "gravity"
+    link: ClassVar[str] = "base"
 
     @property
     def tilt(self) -> float:

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from via_core.signals import Array
 
-from via_gap.run.arm_equation import NUMBERS_OF_BODY, OneUnknown, offset_column
+from via_gap.run.arm_equation import NUMBERS_OF_BODY, ArmFit, OneUnknown, offset_column
 from via_gap.run.arm_model import Arm, joint_number
 
 
@@ -38,10 +39,10 @@ class AngleOffset:
     def text(self) -> str:
         """One sentence."""
         other = f" (or {', '.join(self.tied)})" if self.tied else ""
-        size = f"{np.degrees(self.offset):.3g} ± {np.degrees(self.offset_sd):.2g} degrees"
+        size = f"{np.degrees(abs(self.offset)):.3g} ± {np.degrees(self.offset_sd):.2g} degrees"
         return (
-            f"The angle of {self.link}{other} is {size} "
-            f"({self.offset:.4f} rad) larger than in the model: check the zero of its encoder. This explains "
+            f"The angle of {self.link}{other} is {size} ({abs(self.offset):.4f} rad) too "
+            f"{'large' if self.offset > 0.0 else 'small'} for the model: check the zero of its encoder. This explains "
             f"{100.0 * self.explained:.3g} % of the squared missing torque that errors of single joints leave. "
             "The joints are diagnosed with it."
         )
@@ -58,6 +59,34 @@ class Zero(OneUnknown):
         """That of the joint with this number."""
         column, slot = offset_column(len(arm.devices), joint)
         return Zero(column, joint, tuple(np.eye(NUMBERS_OF_BODY)[slot]), (-LINEAR, LINEAR))
+
+
+@dataclass(frozen=True)
+class Zeros:
+    """Offsets (n,) [rad] of the angles of all joints: a `Shared` cause. At most as many as fit into one column."""
+
+    column: int
+    joints: int
+
+    @staticmethod
+    def of(arm: Arm) -> Zeros:
+        """Those of the first joints."""
+        return Zeros(offset_column(len(arm.devices), 0)[0], min(len(arm.devices), NUMBERS_OF_BODY))
+
+    def numbers(self, point: Array) -> Array:
+        """The offsets, and zeros."""
+        return np.append(point, np.zeros(NUMBERS_OF_BODY - self.joints))
+
+    def solved(self, root: Array, start: Array | None) -> tuple[Array, Array]:
+        """Least squares with a prior of LINEAR."""
+        columns = root[:, : self.joints]
+        inverse = np.linalg.inv(columns.T @ columns + np.eye(self.joints) / LINEAR**2)
+        return np.clip(inverse @ columns.T @ root[:, -1], -LINEAR, LINEAR), np.sqrt(np.diag(inverse))
+
+    def clearest(self, arm: Arm, fit: ArmFit, sd: Array) -> tuple[ArmFit, Array]:
+        """The fit with only the offset that is largest in standard deviations (n,), and its own (1,)."""
+        joint = int(np.argmax(np.abs(fit.point) / sd))
+        return replace(fit, cause=Zero.of(arm, joint), point=fit.point[[joint]]), sd[[joint]]
 
 
 def with_offset(arm: Arm, error: AngleOffset) -> Arm:

@@ -14,7 +14,7 @@ What all joints share is estimated first, from all of them: a payload or other g
 alone would take it for an error of its own drive.
 
     arm = find_arm("dfki_double_pendulum", recording)
-    found = diagnose_arm(arm, [run], [held_out])         # found.cause, and found.reports: one per joint, base first
+    found = diagnose_arm(arm, [run], [held_out])         # found.causes, and found.reports: one per joint, base first
 """
 
 from __future__ import annotations
@@ -31,10 +31,19 @@ from via_core.signals import Signals
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport
-from via_gap.run.arm_cause import ArmCause, find_cause, read_cause, with_cause
+from via_gap.run.arm_cause import ArmCause, find_causes, read_cause, with_causes
 from via_gap.run.arm_model import Arm, find_arm, smoothed_motion
 
-__all__ = ["ArmDiagnosis", "arm_logs", "diagnose_arm", "find_arm", "read_arm_log", "read_cause", "with_cause"]
+__all__ = [
+    "ArmCause",
+    "ArmDiagnosis",
+    "arm_logs",
+    "diagnose_arm",
+    "find_arm",
+    "read_arm_log",
+    "read_cause",
+    "with_causes",
+]
 
 UNITS = {"external_torque": "N m", "neighbour": "rad", "arm_torque": "N m"}
 
@@ -71,9 +80,9 @@ def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
 
 @dataclass(frozen=True)
 class ArmDiagnosis:
-    """What an arm lacks: a cause that all joints feel, if there is one, and one report per joint, base first."""
+    """What an arm lacks: causes that all joints feel, the clearest first, and one report per joint, base first."""
 
-    cause: ArmCause | None
+    causes: tuple[ArmCause, ...]
     reports: tuple[GapReport, ...]
 
 
@@ -83,13 +92,15 @@ def diagnose_arm(
     holdout: Sequence[Sequence[JointLog]] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> ArmDiagnosis:
-    """The answer for recordings of the whole arm (each as `read_arm_log` returns it); joints are diagnosed with the
-    cause that all of them feel, if one is found."""
+    """The answer for recordings of the whole arm (each as `read_arm_log` returns it).
+
+    Joints are diagnosed with the causes that all of them feel.
+    """
     notify = progress or (lambda _what, _share: None)
     notify("the bodies of the arm", 0.0)
-    cause = find_cause(arm, logs, holdout)
-    if cause is not None:
-        loaded = with_cause(arm, cause)
+    causes = find_causes(arm, logs, holdout)
+    if causes:
+        loaded = with_causes(arm, causes)
         logs, holdout = ([arm_logs(run, loaded) for run in runs] for runs in (logs, holdout))
 
     def diagnosed(i: int, device: Device) -> GapReport:
@@ -99,4 +110,4 @@ def diagnose_arm(
         own, held = [run[i] for run in logs], [run[i] for run in holdout]
         return diagnose(own, device, held or None, report_share, only_equations=True)
 
-    return ArmDiagnosis(cause, tuple(diagnosed(i, device) for i, device in enumerate(arm.devices)))
+    return ArmDiagnosis(causes, tuple(diagnosed(i, device) for i, device in enumerate(arm.devices)))
