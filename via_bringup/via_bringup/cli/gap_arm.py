@@ -49,14 +49,14 @@ def joint_of_arm(
     arm: str,
     device: Device,
     logs: Sequence[Path],
-    payloads: Sequence[Path],
+    causes: Sequence[Path],
     constants: tuple[float | None, float | None],
 ) -> list[JointLog]:
     """The logs of one joint, with the causes of an arm's reports. Raises ViaError where the arm has no such joint."""
     from via_gap.run.arms import find_arm, read_arm_log, read_cause, with_causes
 
     whole = find_arm(arm, logs[0], Constants(*constants))
-    whole = with_causes(whole, [read_cause(path) for path in payloads])
+    whole = with_causes(whole, [read_cause(path) for path in causes])
     names = [each.name for each in whole.devices]
     if device.name not in names:
         raise ViaError(f"'{device.name}' is not a joint of '{whole.name}', which has: {', '.join(names)}")

@@ -199,8 +199,9 @@ def _joint(cause: Shared) -> int:
 
 
 def _found(arm: Arm, best: ArmFit, sd: Array, tied: tuple[str, ...], explained: float) -> ArmCause | None:
-    """The cause of the best fit with standard deviations sd (p,) of its unknowns; None where it may be zero."""
+    """The cause of a fit with standard deviations sd (p,) of its unknowns; None where it may be zero."""
     cause = best.cause
+    assert cause is not None
     if isinstance(cause, MissingGravity):
         if not significant(best.point, sd):
             return None
