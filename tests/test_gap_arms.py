@@ -20,11 +20,11 @@ from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_gap.run.arm_body import BodyError
-from via_gap.run.arm_cause import ArmCause, find_causes, read_cause, with_causes
+from via_gap.run.arm_cause import ArmCause, find_causes, is_cause, read_cause, with_causes
 from via_gap.run.arm_gravity import Gravity, with_gravity
 from via_gap.run.arm_model import Arm, body_of, load_arm, under
 from via_gap.run.arm_offset import AngleOffset
-from via_gap.run.arm_payload import Payload, read_payload, with_payload
+from via_gap.run.arm_payload import Payload, with_payload
 from via_gap.run.arms import arm_logs, read_arm_log
 from via_sim.effects import Effect
 
@@ -377,10 +377,11 @@ def test_a_payload_is_found_from_the_goals_of_position_drives(arm: Arm) -> None:
 def test_a_payload_file_is_read_back_and_others_are_refused(arm: Arm, tmp_path: Path) -> None:
     payload, file = mounted("dfki_elbow", 0.3, 0.0, 0.0, -0.2), tmp_path / "report_payload.json"
     file.write_text(json.dumps(asdict(payload)))
-    assert read_payload(file) == payload
+    assert read_cause(file) == payload and is_cause(file)
     file.write_text('{"link": "dfki_elbow"}')
-    with pytest.raises(SignalError, match=r"report_payload\.json: no payload of an arm: tied: is missing"):
-        read_payload(file)
+    assert not is_cause(file)
+    with pytest.raises(SignalError, match=r"report_payload\.json: no payload, body, offset or gravity of an arm: "):
+        read_cause(file)
     with pytest.raises(SignalError, match="has no joint 'wrist'; it has: dfki_shoulder, dfki_elbow"):
         with_payload(arm, replace(payload, link="wrist"))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,11 +11,9 @@ import pinocchio
 import pytest
 from export_joints import RATE, angles_in_via_sim, commands_of, difference, start_of
 from via_core.devices import load_device
-from via_core.errors import ParameterError, ViaError
-from via_core.robots.models import read_robot
-from via_export import add_arm_payload, export
+from via_core.errors import ParameterError
+from via_export import export
 from via_export.mujoco_joint import QUEUE, MujocoJoint
-from via_gap.run.arm_payload import Payload
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows, initial_state
@@ -191,30 +188,6 @@ def test_a_urdf_is_no_model_to_write_mjcf_into(tmp_path: Path) -> None:
     path.write_text(URDF)
     with pytest.raises(ParameterError, match="is a URDF: use --to urdf"):
         export(load_device("dfki_simple_pendulum"), (), "mjcf", into=path, joint="shoulder")
-
-
-@pytest.mark.parametrize("to", ["urdf", "mjcf"])
-def test_the_payload_of_an_arm_loads_its_joints(to: str, robot: Path, tmp_path: Path) -> None:
-    payload = Payload("shoulder", (), 0.8, 0.01, (0.1, 0.05, -0.3), (0.01, 0.01, 0.01), 0.9)
-    path = robot
-    if to == "urdf":
-        path = tmp_path / "robot.urdf"
-        path.write_text(URDF)
-    (tmp_path / f"loaded.{path.suffix}").write_text(add_arm_payload(payload, to, path, "with a payload"))
-    before, after = (read_robot(each).seen_at("shoulder") for each in (path, tmp_path / f"loaded.{path.suffix}"))
-    assert after.inertia - before.inertia == pytest.approx(0.8 * (0.1**2 + 0.3**2), rel=1e-6)  # about y
-    with pytest.raises(ViaError, match="no joint 'nobody'; there are: "):
-        add_arm_payload(replace(payload, link="nobody"), to, path)
-
-
-def test_a_payload_that_no_file_can_have_is_refused(robot: Path) -> None:
-    payload = Payload("shoulder", (), -0.8, 0.01, (0.1, 0.05, -0.3), (0.01, 0.01, 0.01), 0.9)
-    with pytest.raises(ParameterError, match=r"too heavy by 0\.8 kg"):
-        add_arm_payload(payload, "mjcf", robot)
-    with pytest.raises(ParameterError, match="mjcf or urdf, got 'sdf'"):
-        add_arm_payload(payload, "sdf", robot)
-    with pytest.raises(ParameterError, match="is MJCF, not URDF"):
-        add_arm_payload(replace(payload, mass=0.8), "urdf", robot)
 
 
 def test_an_sdf_gets_friction_and_a_spring_to_the_base(tmp_path: Path) -> None:

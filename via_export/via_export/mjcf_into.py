@@ -140,11 +140,8 @@ def _mass(body: Element, joint: Element, target: Target, model: Any, number: int
             notes.append(
                 f"inertia about the joint: lower that of the body by {-armature:.6g} kg m^2; armature ends at 0"
             )
-    weight = (
-        abs(float(target.row[P.gravity_torque]))
-        - abs(float(target.nominal[P.gravity_torque]))
-        - gravity * (target.nominal[P.gravity] != 0.0)
-    )
+    before, after = (float(row[P.gravity_torque]) for row in (target.nominal, target.row))
+    weight = np.copysign(1.0, before) * (after - before) - gravity * (target.nominal[P.gravity] != 0.0)
     if abs(weight) > ROUNDED * max(target.gravity_torque, 1e-3):
         notes.append(
             f"gravity torque: change mass times distance of the centre of the body by {weight / GRAVITY:.6g} kg m"

@@ -1,4 +1,4 @@
-"""Point masses as bodies of a given robot: the payload of a joint's effects, or of a whole arm's report.
+"""Point masses as bodies of a given robot: payloads of a joint's effects, or of a whole arm (arm_causes.py).
 
 MJCF  body with an inertial, in the body that the joint moves
 URDF  link with an inertial, and a fixed joint to the child link
@@ -11,21 +11,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pinocchio
-from via_core.errors import ParameterError
 from via_core.robots.models import read_robot
 from via_core.signals import Array
-from via_gap.run.arm_payload import Payload
 from via_sim.effects import Effect
 from via_sim.plants import GRAVITY
 
-from via_export.xml import Edited, Element, element, leaf
+from via_export.xml import Element, element, leaf
 
 SMALL = 1e-9  # [m] distance of a centre of mass from an axis that counts as none
 SPHERE = 1e-9  # [m^2] inertia per mass: MuJoCo and URDF parsers accept no point
-FORMATS = ("mjcf", "urdf")
 
 
 @dataclass(frozen=True)
@@ -98,30 +94,3 @@ def hanging(path: Path, joint: str, axis: Array) -> Array:
     data = model.createData()
     pinocchio.centerOfMass(model, data, pinocchio.neutral(model), True)
     return across(data.com[model.getJointId(joint)], axis)
-
-
-def add_arm_payload(payload: Payload, to: str, path: Path, comment: str = "") -> str:
-    """The robot of file `path` with the payload of an arm's report. Raises ParameterError."""
-    if to not in FORMATS:
-        raise ParameterError(f"--to: the payload of an arm is written to {' or '.join(FORMATS)}, got '{to}'")
-    if payload.mass <= 0.0:
-        raise ParameterError(
-            f"the bodies are too heavy by {-payload.mass:.4g} kg: lower the mass of what {payload.link} moves by hand"
-        )
-    point = PointMass(f"{payload.link}_payload", payload.mass, payload.position)
-    robot = read_robot(path)
-    robot.joint(payload.link)
-    edited = Edited.of(path.read_text(encoding="utf-8"))
-    root = edited.root
-    if (root.tag == "mujoco") != (to == "mjcf"):
-        raise ParameterError(f"--into: {path} is {'MJCF' if root.tag == 'mujoco' else 'URDF'}, not {to.upper()}")
-    if to == "urdf":
-        joint = next(each for each in root.iter("joint") if each.get("name") == payload.link)
-        root.extend(point.urdf(str(getattr(joint.find("child"), "attrib", {}).get("link"))))
-    else:
-        bodies = [body for body in root.iter("body") if payload.link in [j.get("name") for j in body.findall("joint")]]
-        if not bodies:
-            raise ParameterError(f"joint '{payload.link}' is in an included file: give the model saved as one file")
-        model = mujoco.MjModel.from_xml_path(str(path))
-        bodies[0].append(point.body(model.joint(payload.link).pos))
-    return edited.text(comment)

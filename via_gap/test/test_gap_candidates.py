@@ -78,7 +78,7 @@ def test_a_fit_finds_the_planted_numbers_from_a_poor_start(name, effect, start):
     assert dict(fit.effects[0].parameters) == pytest.approx(dict(effect.parameters), rel=off)
 
 
-@pytest.mark.parametrize("offset", [-0.004, 0.17, 0.6])
+@pytest.mark.parametrize("offset", [-0.004, 0.17, 0.6, 2.9, 3.4])
 def test_the_screen_reaches_offsets_of_any_size(offset):
     """A rigid joint feels an offset through gravity alone, and hardly: sin(q - offset)."""
     effect = Effect("encoder_offset", "sensor", {"offset": offset})
@@ -228,3 +228,15 @@ def test_a_hardening_begins_at_a_tenth_of_the_torque_of_a_spring_under_pretensio
     assert start.directions[1]["hardening"] == pytest.approx(0.1 / scales.stretch**2)
     _, _, (_, hardening) = ranked(base, jacobian, directions(problem, base, [location], scales))[0]
     assert hardening == pytest.approx(0.1, rel=0.2)  # twice as much from a start relative to the standard deviation
+
+
+def test_gravity_can_be_absent_but_not_reversed():
+    """A drive that compensates more than gravity, by its integral action for example, is no error of gravity."""
+    location = Location("gravity_error", "link", 0)
+    problem, base, _, scales = fitted(rigid(), Effect("gravity_error", "link", {"torque": 0.0, "angle": 0.0}), 3.0)
+    filed = problem.device.link.gravity_torque
+    (least, turned_back), (_, turned) = bounds_of(location, scales)
+    assert -least == pytest.approx(filed * (1.0 + BOUND * problem.device.tolerances.gravity))
+    assert turned == -turned_back == pytest.approx(np.pi / 2.0)
+    level, _ = bounds_of(location, replace(scales, gravity=np.inf))  # without gravity any direction may be its own
+    assert level[0] < -filed and level[1] == pytest.approx(-np.pi)

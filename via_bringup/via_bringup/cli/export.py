@@ -9,12 +9,12 @@ import typer
 from via_core.devices import Device, load_device
 from via_core.errors import ViaError
 from via_core.text_files import read_text, write_text
-from via_export import FORMATS, Check, Export, add_arm_payload
+from via_export import FORMATS, Check, Export, add_arm_cause
 from via_export import check as checked
 from via_export import export as exported
 from via_gap.logs.log import read_logs
 from via_gap.report.report import GapReport, HeldOutInterval, read_report
-from via_gap.run.arm_payload import is_payload, read_payload
+from via_gap.run.arm_cause import is_cause, read_cause
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
 
@@ -25,7 +25,9 @@ from via_bringup.cli.own_effects import OwnEffects
 def export(
     source: Annotated[
         Path,
-        typer.Argument(help="Report of `via gap diagnose --json`, an arm's report_payload.json, or effects file."),
+        typer.Argument(
+            help="Report of `via gap diagnose --json`, of a joint or an arm (report_payload.json ...), or effects file."
+        ),
     ],
     device: Annotated[
         str, typer.Option(help="Device name or path to its YAML: the nominal model. Not for report_payload.json.")
@@ -45,13 +47,13 @@ def export(
     """Write a device with the effects of a report for another simulator, and list what that cannot hold.
 
     Without --into a model of the joint alone is written. --check states the gap of the log before and after the repair
-    in MuJoCo, beside that of the simulator of the diagnosis and of the report. The payload of an arm becomes a
-    body of the robot in --into.
+    in MuJoCo, beside that of the simulator of the diagnosis and of the report. What all joints of an arm feel (a
+    payload, a body, an offset, gravity) is written into the robot in --into.
     """
     if check and to != "mjcf":
         raise ViaError(f"--check runs MuJoCo: it needs --to mjcf, got '{to}'")
-    if source.suffix.lower() == ".json" and is_payload(source):
-        _add_payload(source, to, into, out, bool(check))
+    if source.suffix.lower() == ".json" and is_cause(source):
+        _add_cause(source, to, into, out, bool(check))
         return
     if not device:
         raise ViaError("--device is missing: the name of a device or the path of its YAML")
@@ -67,13 +69,13 @@ def export(
         _check(check, described, effects, report, into, joint)
 
 
-def _add_payload(source: Path, to: str, into: Path | None, out: Path | None, check: bool) -> None:
-    """Write the payload of an arm into a robot."""
+def _add_cause(source: Path, to: str, into: Path | None, out: Path | None, check: bool) -> None:
+    """Write what all joints of an arm feel into a robot."""
     if into is None:
-        raise ViaError("the payload of an arm belongs into its robot: add --into ROBOT, its URDF or MJCF file")
+        raise ViaError("what all joints of an arm feel belongs into its robot: add --into ROBOT, its URDF or MJCF file")
     if check:
         raise ViaError("--check compares a joint: use it with a report of a joint, report_JOINT.json")
-    text = add_arm_payload(read_payload(source), to, into, f"With the payload of {source.name}; written by via export.")
+    text = add_arm_cause(read_cause(source), to, into, f"With {source.name}; written by via export.")
     if out is None:
         answers.print(text, soft_wrap=True, end="")
         return

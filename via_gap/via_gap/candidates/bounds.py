@@ -10,6 +10,7 @@ from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
 
 WIDEST = 10.0  # times the typical size in a log: largest plausible effect
+QUARTER = 0.5 * np.pi  # [rad] largest error of the direction of gravity: beyond it gravity is reversed
 SCALED = ("N m", "N m s/rad", "N m s^2/rad^2", "kg m^2")  # units whose bounds depend on the device
 
 
@@ -18,6 +19,9 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
 
     Dry friction is also at most WIDEST times the largest missing torque of its axis: the larger a static friction is,
     the more errors near standstill lie below it, so that the equations alone do not limit it.
+
+    Gravity can be absent, with the tolerance of the device file, but not reversed: that is an angle with another
+    zero, or a drive that does more than its model.
 
     A torque ripple has at least one period within the travel of its axis: part of a period would be any function of
     the angle, such as an error of gravity.
@@ -28,6 +32,11 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
         is_torque = np.array([p.unit == "N m" for p in location.parameters])
         reach = np.where(is_torque, np.minimum(reach, WIDEST * scales.missing[location.axis]), reach)
     low, high = np.array([(p.low, p.high) for p in location.parameters]).T
+    if np.isfinite(scales.gravity):
+        slots = [p.slot for p in location.parameters]
+        low = np.where([slot == "gravity_torque" for slot in slots], -scales.gravity, low)
+        turned = np.where([slot == "gravity_angle" for slot in slots], QUARTER, np.inf)
+        low, high = np.maximum(low, -turned), np.minimum(high, turned)
     if location.kind.whole_period:
         whole = 2.0 * np.pi / max(float(scales.travel[location.axis]), 1e-9)
         is_order = np.array([p.unit == "1/rev" for p in location.parameters])

@@ -11,6 +11,7 @@ from via_core.signals import Array
 from via_sim.joint.layout import EXTERNAL, GOAL, POWER
 
 from via_gap.residual.inverse_dynamics import MissingTorque
+from via_gap.residual.nuisance import BOUND
 from via_gap.residual.segments import Segments
 
 SCREENED = 80.0  # periods per turn, of any log
@@ -37,6 +38,7 @@ class Scales:
     stretch     [rad] its root mean square, which is larger under pretension
     duration    [s]
     busy        intervals [s] that contain most of the residual
+    gravity     [N m] largest gravity torque of the device file at the end of its tolerance; infinite without one
     orders      per axis: the strongest orders [periods per turn] of its missing torque
     """
 
@@ -52,6 +54,7 @@ class Scales:
     stretch: float
     duration: float
     busy: tuple[tuple[float, float], ...]
+    gravity: float
     orders: tuple[tuple[float, ...], ...]
 
 
@@ -70,6 +73,7 @@ def scales_of(
     peak = np.max(np.abs(commands[:, :2]), axis=0)
     acceleration = float(np.std(np.gradient(start[:, 3], 1.0 / segments[0].rate)))
     link, motors = device.link, device.n_motors
+    gravity = link.gravity_torque * (1.0 + BOUND * device.tolerances.gravity)
     torque = np.zeros(3)
     torque[0] = (
         link.inertia * acceleration + link.viscous_friction * speed[0] + abs(link.gravity_torque) * min(angle, 1)
@@ -99,7 +103,8 @@ def scales_of(
     return Scales(
         torque, _largest(missing), speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
         np.quantile(q, [0.02, 0.1, 0.9, 0.98]), travel, max(deflection, 1e-3), max(stretch, 1e-3),
-        max(each.log.duration for each in segments), _busiest(time, excess), tuple(orders),
+        max(each.log.duration for each in segments), _busiest(time, excess), gravity if gravity > 0.0 else np.inf,
+        tuple(orders),
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ cause must not be significantly worse. Causes are added one at a time; each is f
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -96,6 +97,15 @@ def read_cause(path: Path) -> ArmCause:
         return TypeAdapter(ArmCause).validate_json(read_text(path))
     except ValidationError as error:
         raise SignalError(f"{path}: no payload, body, offset or gravity of an arm: {problems(error)}") from None
+
+
+def is_cause(path: Path) -> bool:
+    """Whether a JSON file holds what all joints of an arm feel, rather than a report of one joint."""
+    try:
+        keys = json.loads(read_text(path)).keys()
+    except (ValueError, AttributeError, RecursionError):
+        return False
+    return {"tied", "explained"} <= keys and "verdict" not in keys
 
 
 def with_causes(arm: Arm, causes: Sequence[ArmCause]) -> Arm:

@@ -6,18 +6,12 @@ at p in the frame of joint k.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 from scipy.optimize import least_squares
-from via_core.errors import SignalError
-from via_core.problems import problems
 from via_core.signals import Array
-from via_core.text_files import read_text
 
 from via_gap.run.arm_model import Arm, with_numbers
 
@@ -47,6 +41,11 @@ class Payload:
     explained: float
     name: ClassVar[str] = "payload"
 
+    @property
+    def moments(self) -> Array:
+        """Mass, first and second moments (10,) in pinocchio's order."""
+        return _point_mass(np.array([self.mass, *self.position]))
+
     def text(self) -> str:
         """One sentence."""
         place = ", ".join(f"{a:z.3f} ± {b:.2g}" for a, b in zip(self.position, self.position_sd, strict=True))
@@ -59,25 +58,9 @@ class Payload:
         )
 
 
-def read_payload(path: Path) -> Payload:
-    """The payload in a file that `via gap diagnose --arm --json` wrote. Raises ViaError in one line."""
-    try:
-        return TypeAdapter(Payload).validate_json(read_text(path))
-    except ValidationError as error:
-        raise SignalError(f"{path}: no payload of an arm: {problems(error)}") from None
-
-
-def is_payload(path: Path) -> bool:
-    """Whether a JSON file holds a payload of an arm rather than a report of a joint."""
-    try:
-        return {"link", "mass", "position"} <= json.loads(read_text(path)).keys()
-    except (ValueError, AttributeError, RecursionError):
-        return False
-
-
 def with_payload(arm: Arm, payload: Payload) -> Arm:
     """The arm whose bodies contain the payload. Raises SignalError if the arm has no joint of its link."""
-    return with_numbers(arm, payload.link, _point_mass(np.array([payload.mass, *payload.position])))
+    return with_numbers(arm, payload.link, payload.moments)
 
 
 @dataclass(frozen=True)
