@@ -233,7 +233,7 @@ def test_a_hardening_begins_at_a_tenth_of_the_torque_of_a_spring_under_pretensio
 def test_gravity_can_be_absent_but_not_reversed():
     """A drive that compensates more than gravity, by its integral action for example, is no error of gravity."""
     location = Location("gravity_error", "link", 0)
-    problem, base, _, scales = fitted(rigid(), Effect("gravity_error", "link", {"torque": 0.0, "angle": 0.0}), 3.0)
+    problem, _base, _, scales = fitted(rigid(), Effect("gravity_error", "link", {"torque": 0.0, "angle": 0.0}), 3.0)
     filed = problem.device.link.gravity_torque
     (least, turned_back), (_, turned) = bounds_of(location, scales)
     assert -least == pytest.approx(filed * (1.0 + BOUND * problem.device.tolerances.gravity))
