@@ -371,6 +371,10 @@ def test_a_position_drive_is_described_by_its_servo() -> None:
     columns = device.wire.columns
     assert (columns["q"].column, columns["q"].scale, columns["q"].offset) == ("angle", 1.0, 0.0)
     assert (columns["equilibrium"].scale, columns["equilibrium"].enable) == (0.5, "torque_on")
+    error, speed = np.array([0.1, 2.0, -2.0, 0.1]), np.array([1.0, 0.5, -20.0, -9.0])
+    np.testing.assert_allclose(device.servo.torque(error, speed), [0.1, 0.95, 1.0, 1.1])
+    whole = device.servo.model_copy(update={"limited": "sum"})
+    np.testing.assert_allclose(whole.torque(error, speed), [0.1, 1.0, -1.0, 1.0])
     plain = parse_device(yaml.safe_dump(POSITIONED | {"servo": {"kp": 2.0, "kd": 0.0}}), "file.yaml").servo
     assert plain is not None and plain.torque_limit is None and plain.speed_limit is None and plain.delay == 0.0
 

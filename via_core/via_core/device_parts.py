@@ -6,11 +6,13 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from via_core.dampers import DamperMap, LinearDamper, TwoStageDamper
 from via_core.errors import ParameterError
 from via_core.recordings.units import factor, kind
+from via_core.signals import Array
 from via_core.springs import (
     ExponentialSpring,
     FourBarSpring,
@@ -81,7 +83,8 @@ class ServoMotor(Record):
 class PositionDrive(Record):
     """A position-controlled drive on the link of a rigid joint; it measures neither motor angle nor torque.
 
-        tau = clip(kp (goal - q), -torque_limit, torque_limit) - kd qd
+        tau = clip(kp (goal - q), -torque_limit, torque_limit) - kd qd          limited: proportional
+        tau = clip(kp (goal - q) - kd qd, -torque_limit, torque_limit)          limited: sum, as in MuJoCo and Gazebo
 
     `goal` is the command of `delay` seconds ago. A NaN goal switches the drive off: its torque is zero. For a DC servo
     with supply voltage V, torque constant kt and resistance R (seen at the joint) whose duty cycle is proportional to
@@ -91,8 +94,16 @@ class PositionDrive(Record):
     kp: Positive  # [N m/rad]
     kd: NotNegative  # [N m s/rad]
     torque_limit: Positive | None = None  # [N m]; None: unknown
+    limited: Literal["proportional", "sum"] = "proportional"
     speed_limit: Positive | None = None  # [rad/s] slew rate of the drive's internal goal; None: unknown
     delay: Annotated[float, Field(strict=True, ge=0.0, le=0.1)] = 0.0  # [s] dead time of the goal
+
+    def torque(self, error: Array, speed: Array) -> Array:
+        """Torque [N m] at errors goal - q [rad] and speeds [rad/s]."""
+        pull, brake, limit = self.kp * error, self.kd * speed, self.torque_limit or np.inf
+        if self.limited == "sum":
+            return np.asarray(np.clip(pull - brake, -limit, limit))
+        return np.asarray(np.clip(pull, -limit, limit) - brake)
 
 
 def motor_kind(motor: Any) -> str:

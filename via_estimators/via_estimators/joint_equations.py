@@ -325,7 +325,8 @@ def _drive(made: Equations, signals: _Signals) -> dict[str, tuple[Part, ...]]:
     assert servo is not None
     goal = signals.record.commands["goal"]
     on, error = np.isfinite(goal), np.where(np.isfinite(goal), goal - channels["q"], 0.0)
-    limited = np.abs(servo.kp * error) > (servo.torque_limit or np.inf)
+    braking = servo.kd * channels["q_velocity"] if servo.limited == "sum" and "q_velocity" in channels else 0.0
+    limited = np.abs(servo.kp * error - braking) > (servo.torque_limit or np.inf)
     free = (on & ~limited).astype(np.float64)
     kp = made.name(Unknown("position gain", "drive", servo.kp, servo.kp, "N m/rad", tolerances.kp))
     kd = made.name(Unknown("velocity gain", "drive", servo.kd, max(servo.kd, 1e-6), "N m s/rad", tolerances.kd))

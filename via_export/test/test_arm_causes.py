@@ -121,5 +121,5 @@ def test_what_no_file_can_have_is_refused(write: Write, tmp_path: Path) -> None:
     (geoms := tmp_path / "geoms.xml").write_text(
         MJCF.replace('angle="degree"', 'angle="degree" inertiafromgeom="true"')
     )
-    with pytest.raises(ParameterError, match="inertias are computed from geoms"):
+    with pytest.raises(ParameterError, match="inertias come from geoms"):
         add_arm_cause(SHIFTED, "mjcf", geoms)

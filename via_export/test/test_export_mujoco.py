@@ -144,6 +144,20 @@ def test_a_goal_with_a_speed_limit_acts_when_it_does_in_the_simulator() -> None:
     assert found < 0.2 * SLOT
 
 
+@pytest.mark.parametrize("speed_limit", [None, 8.0])
+def test_a_torque_limit_that_includes_the_damping_is_the_force_range(speed_limit: float | None) -> None:
+    device = device_of(SERVO)
+    assert device.servo is not None
+    gains = {"kd": 0.2, "torque_limit": 0.15, "speed_limit": speed_limit}
+    plain, whole = (
+        device.model_copy(update={"servo": device.servo.model_copy(update=gains | {"limited": limited})})
+        for limited in ("proportional", "sum")
+    )
+    truth = angles_in_via_sim(whole, (), SECONDS)
+    assert difference(truth, angles_in_mujoco(whole, (), SECONDS)) < SLOT
+    assert difference(truth, angles_in_via_sim(plain, (), SECONDS)) > 5.0 * SLOT  # it matters
+
+
 @pytest.mark.parametrize("rate", [1000.0, 750.0, 510.0])
 def test_a_delay_is_kept_at_every_rate_of_commands(rate: float) -> None:
     made = export(device_of(CUBIC), [e("actuator_delay", "command", delay=0.01)])

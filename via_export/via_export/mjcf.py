@@ -341,15 +341,16 @@ def _drive(target: Target, axis: int, name: str) -> Element:
     kp, kd = float(row[P.drive_stiffness]), float(row[P.drive_damping])
     ends = {"forcerange": (bias - gain * limit, bias + gain * limit)} if isfinite(limit) else {}
     speed = float(row[P.drive_speed_limit])
-    common = {"name": f"{name}_drive", "joint": name, "damping": (kd, 0.0, 0.0), **ends, **late}
+    inside = kd if row[P.drive_limits_sum] else 0.0  # damping whose torque the limit includes
+    common = {"name": f"{name}_drive", "joint": name, "damping": (kd - inside, 0.0, 0.0), **ends, **late}
     if isfinite(speed):
-        return element("pid", **common, input="pos", kp=gain * kp, kv=0.0, slewmax=speed)
+        return element("pid", **common, input="pos", kp=gain * kp, kv=inside, slewmax=speed)
     return element(
         "general",
         **common,
         gainprm=gain * kp,
         biastype="affine",
-        biasprm=(bias, -gain * kp, 0.0),
+        biasprm=(bias, -gain * kp, -inside),
         input="pos",
         **_filter(target),
     )

@@ -16,7 +16,11 @@ EFFECT_SETS = [
 ]
 RICH = [each for each in EFFECT_SETS if each[0].name in MORE and len(each[0].parameters) > len(SIZES[each[0].name])]
 EFFECT_SETS += [RICH[0] + RICH[1], [*RICH[0], *RICH[1], *RICH[2]]]
-SERVOS = ("{kp: 4.0, kd: 0.1, torque_limit: 1.5}", "{kp: 4.0, kd: 0.1, speed_limit: 3.0, delay: 0.0023}")
+SERVOS = (
+    "{kp: 4.0, kd: 0.1, torque_limit: 1.5}",
+    "{kp: 4.0, kd: 0.1, speed_limit: 3.0, delay: 0.0023}",
+    "{kp: 4.0, kd: 0.1, torque_limit: 0.8, limited: sum}",
+)
 
 
 def goals(values, rate: float = RATE, **others) -> Signals:

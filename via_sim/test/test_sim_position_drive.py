@@ -45,6 +45,25 @@ def test_torque_limit_bounds_kp_times_the_error() -> None:
     assert np.array_equal(truth["q"], limited["q"])
 
 
+@pytest.mark.parametrize("gain", [1.0, 0.7])
+def test_the_limit_includes_the_damping_if_the_device_says_so(gain: float) -> None:
+    """As MuJoCo's forcerange; a wrong gain scales what the limit leaves."""
+    servo = "{kp: 4.0, kd: 0.1, torque_limit: 0.5, limited: sum}"
+    effects = [Effect("torque_gain", "motor", {"gain": gain}, 1)] if gain != 1.0 else []
+    device = positioned(servo=servo)
+    truth = step(device, 1.0, goal=1.0, effects=effects)
+
+    def rate(_t, x):
+        return x[1], gain * np.clip(KP * (1.0 - x[0]) - KD * x[1], -0.5, 0.5) / M
+
+    found = solve_ivp(rate, (0.0, 1.0), np.zeros(2), t_eval=truth.time, rtol=1e-10, atol=1e-12, max_step=1e-3).y
+    assert np.max(np.abs(truth["q"] - found[0])) < 2e-5
+    drive = device.servo.torque(1.0 - found[0], found[1])
+    assert np.max(np.abs(drive)) == 0.5 and np.mean(np.abs(drive) == 0.5) > 0.1
+    free = step(positioned(servo="{kp: 4.0, kd: 0.1, torque_limit: 0.5}"), 1.0, goal=1.0, effects=effects)
+    assert np.max(np.abs(truth["q"] - free["q"])) > 0.1
+
+
 @pytest.mark.parametrize("lag", [0.0, 0.05])
 def test_goal_speed_is_limited_before_the_lag(lag: float) -> None:
     """Against independent equations integrated with tight tolerances."""

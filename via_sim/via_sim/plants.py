@@ -140,6 +140,7 @@ def _row_of(device: Device) -> Array:
         row[P.link_drive] = POSITION_DRIVE
         row[P.drive_stiffness], row[P.drive_damping] = device.servo.kp, device.servo.kd
         row[P.drive_torque_limit] = device.servo.torque_limit or np.inf
+        row[P.drive_limits_sum] = float(device.servo.limited == "sum")
         row[P.drive_speed_limit] = device.servo.speed_limit or np.inf
         row[P.delay] = device.servo.delay
     row[P.serial] = float(device.arrangement == "serial")

@@ -56,6 +56,7 @@ class Description:
     joint: str  # in messages and models
     command: str  # that writes the file
     drive: Literal["torque", "position"] = "torque"
+    limited: str = ""  # of a position drive: what its torque limit limits, if not the proportional part
     linear: bool = False
     confidence: str = "assumed"
     sources: list[str] = field(default_factory=list)
@@ -93,6 +94,8 @@ class Description:
             if inside:
                 out.append(f"{part}:")
                 out += [self._line(each) for each in inside]
+                if part == "servo" and "torque_limit" in inside and self.limited:
+                    out.append(f"  limited: {self.limited}  # read: the actuator's limit includes its damping")
         tolerances: dict[str, float] = {}
         for name, number in self.numbers.items():
             if number.tolerance is not None and name in TOLERANCE and number.value != 0.0:
@@ -161,6 +164,7 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
             )
         if joint.effort:
             numbers["torque_limit"] = Number(joint.effort, "read", "force range of the actuator", CAD)
+            description.limited = "sum"
         if joint.delay:
             numbers["delay"] = Number(min(joint.delay, 0.1), "read", "of the actuator")
     limits = [

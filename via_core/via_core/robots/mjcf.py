@@ -130,11 +130,6 @@ def _drive(model: Any, j: int) -> dict[str, Any]:
         affine = model.actuator_biastype[i] == _AFFINE
         if simple and affine and gain[0] > 0.0 and np.isclose(bias[1], -gain[0]):
             found |= {"kp": float(gain[0] * gear**2), "kd": float(-bias[2] * gear**2), "gear": gear}
-            if bias[2] != 0.0 and model.actuator_forcelimited[i]:
-                found["remarks"].append(
-                    f"'{name}' limits kp (ctrl - q) - kv qd as a whole; a device file limits its first part only: at "
-                    "the limit the two differ, and the diagnosis shows this as a gap"
-                )
             if bias[2] == 0.0 and model.actuator_dyntype[i] == _AT_ONCE:
                 found["remarks"].append(f"position actuator '{name}' has no kv: kd is 0")
         elif simple and not affine:

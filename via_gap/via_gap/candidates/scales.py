@@ -123,10 +123,8 @@ def _drive_torque(device: Device, commands: Array, start: Array) -> tuple[Array,
     """Torque (T,) [N m] of the drive of a rigid joint without its damping, and with it."""
     if device.servo is None:
         return commands[:, EXTERNAL], commands[:, EXTERNAL]
-    servo, on = device.servo, commands[:, POWER]
-    limit = servo.torque_limit or np.inf
-    pull = on * np.clip(servo.kp * (commands[:, GOAL] - start[:, 0]), -limit, limit)
-    return pull, pull - on * servo.kd * start[:, 3]
+    error, on, speed = commands[:, GOAL] - start[:, 0], commands[:, POWER], start[:, 3]
+    return on * device.servo.torque(error, 0.0 * speed), on * device.servo.torque(error, speed)
 
 
 def _first_step(segments: Segments) -> float:

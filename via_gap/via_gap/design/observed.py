@@ -141,6 +141,5 @@ def _drive_torque(device: Device, motion: DefaultMotion) -> Array:
     if device.servo is None:
         return motion.commands.resample(measured.time)["external_torque"]
     goal = commands_of(motion.commands, device, measured.time)["goal"]
-    most = device.servo.torque_limit or np.inf
-    torque = np.clip(device.servo.kp * (goal - measured["q"]), -most, most) - device.servo.kd * measured["q_velocity"]
+    torque = device.servo.torque(goal - measured["q"], measured["q_velocity"])
     return np.where(np.isfinite(goal), torque, 0.0)

@@ -196,8 +196,7 @@ def _drive_torque(log: JointLog, angle: Array, velocity: Array) -> Array:
     if servo is None or sent is None or "equilibrium" not in sent:
         return np.full(len(angle), np.nan)
     goal = sent.resample(log.measured.time - servo.delay)["equilibrium"]
-    limit = servo.torque_limit or np.inf
-    return np.asarray(np.clip(servo.kp * (goal - angle), -limit, limit) - servo.kd * velocity)
+    return servo.torque(goal - angle, velocity)
 
 
 def _grams(rows: Array) -> Array:

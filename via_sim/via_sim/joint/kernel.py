@@ -238,7 +238,7 @@ def _take_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weigh
         for i in range(2):
             x[X.motor_torque + i] = u[i]
         if positioned:
-            x[X.external] += drive_torque(p, u[U.acting], u[U.on], x[0])
+            x[X.external] += drive_torque(p, u[U.acting], u[U.on], x[0], x[3])
             x[X.external] -= u[U.on] * p[P.drive_damping] * x[3]
             x[X.behind], x[X.lag] = u[U.target] - u[U.followed], u[U.followed] - u[U.lagged]
         elif modes[MODE.lags] == 0:

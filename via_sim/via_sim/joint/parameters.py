@@ -44,6 +44,7 @@ _NOMINAL = (
     Slot("drive_stiffness", "N m/rad", "kp of the position drive on the link"),
     Slot("drive_damping", "N m s/rad", "kd, of the link's speed; acts while the drive is on"),
     Slot("drive_torque_limit", "N m", "known limit of kp times the error", 1, np.inf),
+    Slot("drive_limits_sum", "-", "1: kd times the speed counts for the limit as well"),
     Slot("drive_speed_limit", "rad/s", "largest speed of the acting goal", 1, np.inf),
     Slot("transmissions", "-", "number of springs, 0 to 2"),
     Slot("serial", "-", "1: motor 2 is the preset of spring 1; 0: each spring has its own motor"),

@@ -1,6 +1,7 @@
 """A position drive on the link of a rigid joint: from commanded goal to torque on the link.
 
     goal -> dead time -> speed limit -> lag -> clip(kp c(goal - measured), limits) -> gain, bias -> link; - kd qd
+                                               clip(kp c(goal - measured) - kd qd, limits) + kd qd    limited: sum
 
 c is the error itself, or what the terms of the catalogue let through. The feedback uses the drive's own encoder, so an
 encoder error changes the torque as well as the log. kd acts as viscous friction while the drive is on, which the
@@ -22,13 +23,24 @@ from via_sim.joint.terms import corrected
 
 
 @bare
-def drive_torque(p: Array, goal: float, power: float, q: float) -> float:
-    """Torque [N m] of the drive without kd at link angle q [rad]; power is 1 (on), 0 (off) or a mean of these."""
+def brake_inside(p: Array) -> float:
+    """Damping [N m s/rad] inside the limit, before the gain that `drive_damping` contains."""
+    if p[P.drive_limits_sum] == 0.0 or p[P.torque_gain] == 0.0:
+        return 0.0
+    return p[P.drive_damping] / p[P.torque_gain]
+
+
+@bare
+def drive_torque(p: Array, goal: float, power: float, q: float, w: float) -> float:
+    """Torque [N m] of the drive without - kd w, at link angle q [rad] and speed w [rad/s].
+
+    power is 1 (on), 0 (off) or a mean of these.
+    """
     if power == 0.0:
         return 0.0
     measured, _ = read_motion(p, 0, q, 0.0)
-    limit = min(p[P.drive_torque_limit], p[P.saturation])
-    pull = min(max(p[P.drive_stiffness] * corrected(p, goal - measured), -limit), limit)
+    limit, brake = min(p[P.drive_torque_limit], p[P.saturation]), brake_inside(p) * w
+    pull = min(max(p[P.drive_stiffness] * corrected(p, goal - measured) - brake, -limit), limit) + brake
     return power * (p[P.torque_gain] * pull + p[P.torque_bias])
 
 

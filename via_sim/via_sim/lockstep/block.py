@@ -41,7 +41,8 @@ _SIZES = {
     # limit and behind the lag at the beginning of the step; 1 where there is a speed limit, 1 where there is a lag;
     # parameters
     "target": 1, "acting": 1, "power": 1, "drive_torque": 1, "followed": 1, "trailing": 1, "slews": 1, "lags": 1,
-    "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1, "drive_limit": 1, "drive_gain": 1, "drive_bias": 1,
+    "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1, "drive_limit": 1, "drive_brake": 1,
+    "drive_gain": 1, "drive_bias": 1,
     "drive_speed_limit": 1, "lag": 1, "eccentricity": 3 * ENCODER_HARMONICS,
     "eccentricity_order": 3 * ENCODER_HARMONICS, "eccentricity_phase": 3 * ENCODER_HARMONICS,
     # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,

@@ -21,7 +21,7 @@ from via_sim.joint.parameters import (
     TORQUE_DRIVE,
     P,
 )
-from via_sim.joint.position_drive import drive_torque
+from via_sim.joint.position_drive import brake_inside, drive_torque
 from via_sim.joint.step import PER_AXIS
 from via_sim.joint.structure import EVERYTHING
 from via_sim.joint.torques import deflection
@@ -51,6 +51,7 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
     z[Z.drive_gain, lane], z[Z.drive_bias, lane] = p[P.torque_gain], p[P.torque_bias]
     z[Z.drive_damping, lane] = p[P.drive_damping] if p[P.link_drive] == POSITION_DRIVE else 0.0
     z[Z.drive_limit, lane] = min(p[P.drive_torque_limit], p[P.saturation])
+    z[Z.drive_brake, lane] = brake_inside(p)
     limited, lags = p[P.drive_speed_limit] < inf, p[P.lag] > 0.0
     z[Z.slews, lane], z[Z.drive_speed_limit, lane] = limited, p[P.drive_speed_limit] if limited else 1.0
     z[Z.lags, lane], z[Z.lag, lane] = lags, p[P.lag] if lags else 1.0
@@ -185,7 +186,8 @@ def store_inputs(p: Array, x: Array, command: Array, z: Array, lane: int) -> Non
     drive_damping = z[Z.power, lane] * z[Z.drive_damping, lane]
     x[X.damping] = z[Z.damping, lane] - drive_damping
     if p[P.link_drive] == POSITION_DRIVE:
-        x[X.external] += drive_torque(p, z[Z.acting, lane], z[Z.power, lane], x[0]) - drive_damping * x[3]
+        pull = drive_torque(p, z[Z.acting, lane], z[Z.power, lane], x[0], x[3])
+        x[X.external] += pull - drive_damping * x[3]
     elif p[P.lag] <= 0.0:
         for axis in range(3):
             x[X.lag + axis] = z[Z.commanded + axis, lane]
