@@ -93,7 +93,8 @@ def test_a_position_actuator_is_seen_through_its_gear(folder: Path) -> None:
     of_model(made, robot, shoulder, {})
     made.numbers["rate"] = made.numbers["kp"]
     device = parse_device(made.text(), "d")
-    assert device.drive == "position" and device.servo is not None and device.servo.torque_limit == 40.0
+    assert device.drive == "position" and device.servo is not None
+    assert (device.servo.torque_limit, device.servo.limited) == (40.0, "sum")
     assert "`scale: 0.5`" in made.text()
     assert "effort 40" not in made.text()  # it is the limit of the drive, not one without an entry
 
