@@ -7,7 +7,7 @@ the filed value is added to the covariance of the effect.
 
 An effect contains a device parameter if every small change of the latter is, in the parameter row, a change of the
 effect's own parameters. Parameters whose range ends at the neutral value (a mass, a dry friction) take up no error of
-either sign.
+either sign near that end.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def contained(row: Callable[[Array], Array | None], at: Array, two_sided: Mask) 
 
     row        parameter row at coordinates (J + p,) of a fit; None: invalid
     at         coordinates of effects; those of device parameters are 0
-    two_sided  (p,) whether the range of a parameter extends to both sides of its neutral value
+    two_sided  (p,) whether a parameter can take up errors of either sign
 
     0 for device parameters that the effects do not contain. All in coordinates of the fit.
     """

@@ -26,7 +26,7 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     the end of a tolerance differences are one-sided, and a second step is needed.
     """
     likely = problem.at_likely_starts(problem.row(fit.effects, fit.offsets))
-    axes = Axes.of(likely, members_of(fit), scales)
+    axes = Axes.of(likely, members_of(fit), scales, fitted=True)
     count = axes.count
     here = axes.best([axes.coordinates(fit.offsets, fit.values)])
     for _ in range(TURNS):

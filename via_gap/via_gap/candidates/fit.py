@@ -152,6 +152,7 @@ class Axes:
     levers  index of each mass whose distance from the axis is the next parameter, see levers.py
     times  (p,) whether a parameter is a time of the run, for which the gradient is useless
     fixed  (p,) whether a parameter keeps its initial value: an order of whole periods per turn
+    takes  (p,) whether a parameter can take up an error of either sign of a nuisance
     held   (J,) whether the effects contain a nuisance, which then stays at 0
     """
 
@@ -163,10 +164,21 @@ class Axes:
     levers: tuple[int, ...]
     times: Mask
     fixed: Mask
+    takes: Mask
     held: Mask
 
     @staticmethod
-    def of(problem: ResidualModel, members: Sequence[tuple[Location, Sequence[float]]], scales: Scales) -> Axes:
+    def of(
+        problem: ResidualModel,
+        members: Sequence[tuple[Location, Sequence[float]]],
+        scales: Scales,
+        fitted: bool = False,
+    ) -> Axes:
+        """Coordinates of these effects.
+
+        fitted  their values are nearly those of the least loss: then a parameter whose range is on one side of neutral
+                takes up errors as well, if both ends of the range are further away than these can be
+        """
         locations, starts = [location for location, _ in members], [value for _, values in members for value in values]
         parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])
@@ -178,8 +190,15 @@ class Axes:
         orders = [p.name.partition("_")[0] == "order" for _, p in parameters]
         fixed = np.array([is_order and float(v).is_integer() for is_order, v in zip(orders, starts)], dtype=np.bool_)
         none = np.zeros(len(problem.nuisances), dtype=np.bool_)
-        free = Axes(problem, tuple(locations), size, low / size, high / size, levers, times, fixed, none)
+        takes = np.array([p.low < p.neutral < p.high for _, p in parameters], dtype=np.bool_)
+        free = Axes(problem, tuple(locations), size, low / size, high / size, levers, times, fixed, takes, none)
         begin = free.coordinates(np.zeros(len(none)), starts)
+        if fitted:
+            errors = replace(free, takes=np.ones_like(takes)).contained(begin)
+            reach = BOUND * np.max(np.abs(errors), axis=0, initial=0.0)
+            own = begin[len(none) :]
+            takes |= (own - reach > free.low) & (own + reach < free.high)
+        free = replace(free, takes=takes)
         return replace(free, held=np.any(free.contained(begin) != 0.0, axis=1))
 
     @property
@@ -200,9 +219,7 @@ class Axes:
 
     def contained(self, at: Array) -> Array:
         """(J, p) changes of the effects' parameters that equal one standard deviation of each contained nuisance."""
-        parameters = [p for location in self.locations for p in location.parameters]
-        two_sided = np.array([p.low < p.neutral < p.high for p in parameters], dtype=np.bool_)
-        return contained(self._row, np.append(np.zeros(self.count), at[self.count :]), two_sided)
+        return contained(self._row, np.append(np.zeros(self.count), at[self.count :]), self.takes)
 
     @property
     def box(self) -> tuple[Array, Array]:
@@ -286,7 +303,7 @@ class Axes:
         bends = bending(here.at[self.count :] * self.size, self.levers)
         covariance = bends @ in_units(covariance, sd, self.size) @ bends.T
         covariance += np.diag(delay_sd(self.problem, self.locations) ** 2)
-        tolerances = self.contained(here.at)[self.held] * self.size
+        tolerances = self.contained(here.at)[self.held] * self.size @ bends.T
         covariance += tolerances.T @ tolerances
         offsets = here.at[: self.count].copy()
         return Fit(self.effects(here.at), offsets, here.loss, here.residual, covariance, tolerances)

@@ -86,20 +86,22 @@ class Decision:
         return replace(self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=reason)
 
     def converged(self, experiment: Experiment, scales: Scales) -> Decision:
-        """The same decision with the chosen model fitted to convergence."""
+        """The same decision with the chosen model, and those tied with it, fitted to convergence."""
         if not self.named:
             return self
-        fit = converged(experiment.fitted, self.chosen.fit, scales)
-        bounded = np.diag(delay_sd(experiment.fitted, fit.locations) ** 2)  # by half a sample: it has its width
-        fit = replace(fit, covariance=reliability.widened(np.array(fit.values), fit.covariance - bounded) + bounded)
-        if experiment.folds is not None:
-            (chosen,) = experiment.folds.evaluate([fit], scales)
-        else:
-            (chosen,) = experiment.evaluate([fit])
-        models, rivals = (
-            tuple(chosen if each is self.chosen else each for each in some) for some in (self.models, self.rivals)
-        )
-        return replace(self, chosen=chosen, models=models, rivals=rivals, widened=reliability.shipped().wider)
+        tied = [model for (cause, _), model in zip(self.shares, self.models, strict=True) if cause in self.equivalent]
+        again = {id(each): _converged(each, experiment, scales) for each in (self.chosen, *tied)}
+        models, rivals = (tuple(again.get(id(each), each) for each in some) for some in (self.models, self.rivals))
+        chosen, wider = again[id(self.chosen)], reliability.shipped().wider
+        return replace(self, chosen=chosen, models=models, rivals=rivals, widened=wider)
+
+
+def _converged(model: Evaluation, experiment: Experiment, scales: Scales) -> Evaluation:
+    fit = converged(experiment.fitted, model.fit, scales)
+    bounded = np.diag(delay_sd(experiment.fitted, fit.locations) ** 2)  # by half a sample: it has its width
+    fit = replace(fit, covariance=reliability.widened(np.array(fit.values), fit.covariance - bounded) + bounded)
+    evaluated = experiment.evaluate([fit]) if experiment.folds is None else experiment.folds.evaluate([fit], scales)
+    return evaluated[0]
 
 
 def decide(
