@@ -156,6 +156,26 @@ def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says
     assert abs(value - planted) < 0.5 * end.sd[0]
 
 
+@pytest.mark.parametrize("astray", [-1.0, 0.9, BOUND])
+def test_gravity_of_the_file_and_a_payload_are_one_sum_in_the_final_fit(astray):
+    """Wherever on this line the search ended, the filed gravity is kept, and its tolerance is in the interval."""
+    device, moment = rigid(), 0.3 * 0.4
+    problem, base, _, scales = fitted(device, Effect("payload", "link", {"mass": 0.3, "distance": 0.4}), 6.0)
+    gravity, location = [n.name for n in problem.nuisances].index("gravity torque"), Location("payload", "link", 0)
+    off = device.tolerances.gravity * device.link.gravity_torque / 9.81  # [kg m] per sd of the filed gravity
+    offsets = np.zeros(len(problem.nuisances))
+    offsets[gravity] = astray
+    weight = moment - astray * off
+    mass = weight**2 / (0.3 * 0.4**2)  # the same inertia
+    effect = location.effect({"mass": mass, "distance": weight / mass})
+    begin = Fit((effect,), offsets, 0.0, base.residual, np.eye(2))
+    fit = converged(problem, fit_on(problem, begin), scales)
+    mass, distance = fit.values
+    assert fit.offsets[gravity] == 0.0 and mass * distance == pytest.approx(moment, rel=0.01)
+    along = np.array([distance, mass])
+    assert off < np.sqrt(along @ fit.covariance @ along) < 1.1 * off
+
+
 @pytest.mark.parametrize(("device", "unit"), [(rigid(), "N m"), (servo(), "rad/s")], ids=["torque", "servo"])
 def test_a_limit_is_stated_in_the_unit_it_has_on_the_device(device, unit):
     limit = Location("torque_saturation", "motor", 1)
