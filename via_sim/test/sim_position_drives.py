@@ -19,7 +19,7 @@ EFFECT_SETS += [RICH[0] + RICH[1], [*RICH[0], *RICH[1], *RICH[2]]]
 SERVOS = (
     "{kp: 4.0, kd: 0.1, torque_limit: 1.5}",
     "{kp: 4.0, kd: 0.1, speed_limit: 3.0, delay: 0.0023}",
-    "{kp: 4.0, kd: 0.1, torque_limit: 0.8, limited: sum}",
+    "{kp: 4.0, kd: 0.1, torque_limit: 1.0, limited: sum}",
 )
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -23,12 +22,9 @@ from via_gap.report.withheld import before_and_after
 from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, working
-from via_bringup.cli.gap_arm import Arm, CountsPerTurn, TorqueConstant, diagnosed_arm, joint_of_arm
+from via_bringup.cli.gap_arm import Arm, CountsPerTurn, TorqueConstant, diagnosed_arm, joint_of_arm, named_causes
 from via_bringup.cli.outputs import check_files
 from via_bringup.cli.own_effects import OwnEffects
-
-if TYPE_CHECKING:
-    from via_gap.run.arms import ArmCause
 
 
 def diagnose(
@@ -59,10 +55,10 @@ def diagnose(
         raise ViaError("give either --device or --arm")
     check_files(out, html, effects_out)
     with working("reading and diagnosing") as progress:
-        causes: tuple[ArmCause, ...] = ()
+        found = None
         if arm is not None:
             found = diagnosed_arm(arm, logs, holdout or (), (counts_per_turn, torque_constant), progress)
-            causes, reports = found.causes, found.reports
+            reports = found.reports
         else:
             described = load_device(device or "")
             everything = read_logs([*logs, *(holdout or ())], described)
@@ -70,7 +66,7 @@ def diagnose(
             report = diagnosed(read, described, held or None, progress)
             progress("searching for a motion that separates tied causes", 1.0)
             reports = (with_proposal(report, described),)
-    for cause, name in zip(causes, _names(causes), strict=True):
+    for name, cause in named_causes(found):
         answers.print(f"{cause.text()}\n", soft_wrap=True)
         if out is not None:
             write_text(_named(out, name), json.dumps(asdict(cause), indent=2) + "\n")
@@ -89,12 +85,6 @@ def diagnose(
                 answers.print(f"wrote {_named(path, joint)}")
         if out is not None and device is not None and report.repaired():
             answers.print(f"next: via export {out} --device {device} --to mjcf --check {logs[0]}", soft_wrap=True)
-
-
-def _names(causes: Sequence[ArmCause]) -> list[str]:
-    """What all joints of an arm feel, for names of files: its sort, with its link if there are several."""
-    sorts = [each.name for each in causes]
-    return [each.name if sorts.count(each.name) == 1 else f"{each.name}_{each.link}" for each in causes]
 
 
 def _named(path: Path, joint: str) -> Path:

@@ -13,7 +13,7 @@ from via_core.recordings.entries import Constants
 from via_gap.logs.log import JointLog
 
 if TYPE_CHECKING:
-    from via_gap.run.arms import ArmDiagnosis
+    from via_gap.run.arms import ArmCause, ArmDiagnosis
 
 Arm = Annotated[
     str | None,
@@ -43,6 +43,14 @@ def diagnosed_arm(
     whole = find_arm(arm, logs[0], Constants(*constants))
     read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
     return diagnose_arm(whole, read, held, progress)
+
+
+def named_causes(found: ArmDiagnosis | None) -> list[tuple[str, ArmCause]]:
+    """What all joints feel, each with a name for its file: its sort, with its link if there are several of a sort."""
+    causes = () if found is None else found.causes
+    sorts = [each.name for each in causes]
+    names = [each.name if sorts.count(each.name) == 1 else f"{each.name}_{each.link}" for each in causes]
+    return list(zip(names, causes, strict=True))
 
 
 def joint_of_arm(

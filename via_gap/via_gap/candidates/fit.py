@@ -174,11 +174,7 @@ class Axes:
         scales: Scales,
         fitted: bool = False,
     ) -> Axes:
-        """Coordinates of these effects.
-
-        fitted  their values are nearly those of the least loss: then a parameter whose range is on one side of neutral
-                takes up errors as well, if both ends of the range are further away than these can be
-        """
+        """Coordinates; if `fitted`, one-sided parameters that are further from both ends than errors take them up."""
         locations, starts = [location for location, _ in members], [value for _, values in members for value in values]
         parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])
@@ -194,10 +190,8 @@ class Axes:
         free = Axes(problem, tuple(locations), size, low / size, high / size, levers, times, fixed, takes, none)
         begin = free.coordinates(np.zeros(len(none)), starts)
         if fitted:
-            errors = replace(free, takes=np.ones_like(takes)).contained(begin)
-            reach = BOUND * np.max(np.abs(errors), axis=0, initial=0.0)
-            own = begin[len(none) :]
-            takes |= (own - reach > free.low) & (own + reach < free.high)
+            reach = BOUND * np.abs(replace(free, takes=np.ones_like(takes)).contained(begin)).max(axis=0, initial=0.0)
+            takes |= (begin[len(none) :] - reach > free.low) & (begin[len(none) :] + reach < free.high)
         free = replace(free, takes=takes)
         return replace(free, held=np.any(free.contained(begin) != 0.0, axis=1))
 
