@@ -238,3 +238,21 @@ def test_the_servo_equation_is_exact_at_the_filed_bandwidth():
     known = sum(p.factor * weights[p.weights] @ p.values[window] for p in equation.known)
     slope = sum(p.factor * weights[p.weights] @ p.values[window] for p in equation.unknown["bandwidth of servo 1"])
     assert 20.0 * slope == pytest.approx(known, rel=1e-3)  # trapezoids of 41 samples
+
+
+@pytest.mark.parametrize(("limited", "known"), [("proportional", True), ("sum", False)])
+def test_a_limit_that_includes_the_damping_hides_the_velocity_gain(limited: str, known: bool) -> None:
+    """The drive is at its limit in every sample; in one that limits kp times the error alone, kd still acts."""
+    device = parse_device(
+        "name: bar\ntitle: Bar\nsource: [test]\nconfidence: assumed\narrangement: rigid\ndrive: position\n"
+        "link: {inertia: 0.1, viscous_friction: 0.0}\nsensors: {rate: 200.0}\n"
+        f"servo: {{kp: 4.0, kd: 0.2, torque_limit: 0.5, limited: {limited}}}",
+        "bar.yaml",
+    )
+    time = np.arange(round(DURATION * RATE)) / RATE
+    q = sines(time, (0.3, 0.1), (0.6, 1.9))[0]
+    goal = np.where(np.arange(len(time)) // 40 % 2 == 0, 5.0, -5.0)
+    seen = Record(time, {"q": q}, {"goal": goal}, {"q": ANGLE_NOISE, "goal": 1e-12})
+    (drive,) = [each for each in equations_of(device, seen).equations if "velocity gain" in each.unknown]
+    weights = [np.abs(part.values).max() for part in drive.unknown["velocity gain"]]
+    assert bool(max(weights) > 0.0) == known

@@ -325,20 +325,23 @@ def _drive(made: Equations, signals: _Signals) -> dict[str, tuple[Part, ...]]:
     assert servo is not None
     goal = signals.record.commands["goal"]
     on, error = np.isfinite(goal), np.where(np.isfinite(goal), goal - channels["q"], 0.0)
-    braking = servo.kd * channels["q_velocity"] if servo.limited == "sum" and "q_velocity" in channels else 0.0
-    limited = np.abs(servo.kp * error - braking) > (servo.torque_limit or np.inf)
+    pull, whole = servo.kp * error, servo.limited == "sum"
+    if whole:
+        pull = pull - servo.kd * channels.get("q_velocity", np.gradient(channels["q"], signals.record.time))
+    limited = on & (np.abs(pull) > (servo.torque_limit or np.inf))
     free = (on & ~limited).astype(np.float64)
+    damped = free if whole else on.astype(np.float64)
     kp = made.name(Unknown("position gain", "drive", servo.kp, servo.kp, "N m/rad", tolerances.kp))
     kd = made.name(Unknown("velocity gain", "drive", servo.kd, max(servo.kd, 1e-6), "N m s/rad", tolerances.kd))
     found = {
         kp: (Part(PSI, 1.0, free * error, {"q": -free}),),
-        kd: signals.damped(-1.0, on.astype(np.float64), {"q": 1.0}),
+        kd: signals.damped(-1.0, damped, {"q": 1.0}),
     }
     if servo.torque_limit is not None and limited.any():
         most = Unknown(
             "torque limit of the drive", "drive", servo.torque_limit, servo.torque_limit, "N m", tolerances.torque_limit
         )
-        found[made.name(most)] = (Part(PSI, 1.0, np.where(limited, np.sign(error), 0.0), {}),)
+        found[made.name(most)] = (Part(PSI, 1.0, np.where(limited, np.sign(pull), 0.0), {}),)
     return found
 
 

@@ -190,6 +190,14 @@ def test_a_urdf_is_no_model_to_write_mjcf_into(tmp_path: Path) -> None:
         export(load_device("dfki_simple_pendulum"), (), "mjcf", into=path, joint="shoulder")
 
 
+def test_gravity_of_the_other_sign_is_left_to_the_user(robot: Path) -> None:
+    device = load_device("dfki_simple_pendulum")
+    reversed_ = Effect("gravity_error", "link", {"torque": -2.0 * device.link.gravity_torque, "angle": 0.0})
+    made = export(device, [reversed_], "mjcf", into=robot, joint="shoulder")
+    (note,) = [each for each in made.notes if each.startswith("gravity torque: change mass times distance")]
+    assert float(note.split(" by ")[1].split()[0]) == pytest.approx(-2.0 * MASS * DISTANCE, rel=1e-3)
+
+
 def test_an_sdf_gets_friction_and_a_spring_to_the_base(tmp_path: Path) -> None:
     device = load_device("dfki_simple_pendulum")
     path = tmp_path / "robot.sdf"

@@ -23,7 +23,7 @@ from via_gap.run.arm_offset import AngleOffset
 from via_gap.run.arm_payload import Payload
 
 from via_export.payloads import PointMass
-from via_export.xml import Edited, Element, element, text
+from via_export.xml import Edited, Element, child, text
 
 FORMATS = ("mjcf", "urdf")
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -49,15 +49,15 @@ def _to_urdf(root: Element, cause: ArmCause, path: Path) -> None:
     if isinstance(cause, Gravity):
         raise ParameterError("a URDF states no gravity: turn the robot's base in its world, or use --to mjcf")
     joint = next(each for each in root.iter("joint") if each.get("name") == cause.link)
-    child = str(_attributes(joint.find("child")).get("link"))
+    below = str(child(joint, "child").get("link"))
     if isinstance(cause, AngleOffset):
         _turn(joint, cause.offset)
     elif isinstance(cause, Payload) and cause.mass > 0.0:
-        root.extend(PointMass(f"{cause.link}_payload", cause.mass, cause.position).urdf(child))
+        root.extend(PointMass(f"{cause.link}_payload", cause.mass, cause.position).urdf(below))
     else:
-        link = next(each for each in root.iter("link") if each.get("name") == child)
-        inertial = _child(link, "inertial")
-        place, mass, about = (_child(inertial, tag) for tag in ("origin", "mass", "inertia"))
+        link = next(each for each in root.iter("link") if each.get("name") == below)
+        inertial = child(link, "inertial")
+        place, mass, about = (child(inertial, tag) for tag in ("origin", "mass", "inertia"))
         turned = pinocchio.rpy.rpyToMatrix(_vector(place, "rpy"))
         xx, xy, xz, yy, yz, zz = (float(about.get(key) or 0.0) for key in MOMENTS)
         tensor = turned @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turned.T
@@ -73,32 +73,32 @@ def _to_mjcf(root: Element, cause: ArmCause, path: Path) -> None:
     if isinstance(cause, Gravity):
         if cause.absent:
             raise ParameterError("gravity is absent from the torques, not from the robot: its model is right")
-        _child(root, "option").set("gravity", text(cause.gravity))
+        child(root, "option").set("gravity", text(cause.gravity))
         return
     owners = [(body, each) for body in root.iter("body") for each in body.findall("joint")]
     found = [(body, joint) for body, joint in owners if joint.get("name") == cause.link]
     if not found:
         raise ParameterError(f"joint '{cause.link}' is in an included file: give the model saved as one file")
     body, joint = found[0]
-    model = mujoco.MjModel.from_xml_path(str(path))
+    spec = mujoco.MjSpec.from_file(str(path))
+    model = spec.compile()
     compiled = model.joint(cause.link)
-    compiler = _attributes(root.find("compiler"))
     if isinstance(cause, AngleOffset):
-        unit = 1.0 if compiler.get("angle") == "radian" else 180.0 / np.pi
+        unit = 180.0 / np.pi if spec.compiler.degree else 1.0
         joint.set("ref", text(unit * float(model.qpos0[compiled.qposadr[0]] + cause.offset)))
         if compiled.limited[0]:
             joint.set("range", text(unit * (compiled.range + cause.offset)))
     elif isinstance(cause, Payload) and cause.mass > 0.0:
         body.append(PointMass(f"{cause.link}_payload", cause.mass, cause.position).body(compiled.pos))
     else:
-        if compiler.get("inertiafromgeom") == "true":
+        if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
             raise ParameterError(f"{path}: inertias come from geoms (inertiafromgeom): no body can state its own")
         k = compiled.bodyid[0]
         turned = np.zeros(9)
         mujoco.mju_quat2Mat(turned, model.body_iquat[k])
         tensor = turned.reshape(3, 3) @ np.diag(model.body_inertia[k]) @ turned.reshape(3, 3).T
         present = pinocchio.Inertia(float(model.body_mass[k]), model.body_ipos[k] - compiled.pos, tensor)
-        made, inertial = _changed(present, cause), _child(body, "inertial")
+        made, inertial = _changed(present, cause), child(body, "inertial")
         for key in _TURNED:
             inertial.attrib.pop(key, None)
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = made.inertia
@@ -131,25 +131,12 @@ def _turn(joint: Element, angle: float) -> None:
     axis_of = joint.find("axis")
     axis = np.array([1.0, 0.0, 0.0]) if axis_of is None else _vector(axis_of, "xyz")
     back = pinocchio.exp3(-angle * axis / np.linalg.norm(axis))
-    origin = _child(joint, "origin")
+    origin = child(joint, "origin")
     origin.set("rpy", text(pinocchio.rpy.matrixToRpy(pinocchio.rpy.rpyToMatrix(_vector(origin, "rpy")) @ back)))
     limit = joint.find("limit")
     if limit is not None and joint.get("type") == "revolute":
         for key in ("lower", "upper"):
             limit.set(key, text(float(limit.get(key) or 0.0) + angle))
-
-
-def _child(parent: Element, tag: str) -> Element:
-    """The first child with this tag, made if there is none."""
-    found = parent.find(tag)
-    if found is None:
-        found = element(tag)
-        parent.append(found)
-    return found
-
-
-def _attributes(found: Element | None) -> dict[str, str]:
-    return {} if found is None else found.attrib
 
 
 def _vector(found: Element, key: str) -> Array:

@@ -19,7 +19,7 @@ from via_sim.plants import GRAVITY
 from via_export import payloads
 from via_export.mjcf import Parts, has_memory, integrator, joint_parts, step
 from via_export.target import Target
-from via_export.xml import Element, element, text
+from via_export.xml import Element, child, element, text
 
 SMALL = 1e-9  # relative change of a number that counts as none
 ROUNDED = 1e-4  # relative change of a weight that is not worth an edit by hand: device files round their numbers
@@ -54,7 +54,7 @@ def into(root: Element, target: Target, name: str, model: Any) -> list[str]:
     notes += _actuators(root, parts, name, model)
     for section, children in (("tendon", parts.tendons), ("actuator", parts.actuators), ("sensor", parts.sensors)):
         if children:
-            _section(root, section).extend(children)
+            child(root, section).extend(children)
     if model.opt.timestep > step(target) * (1.0 + SMALL):
         best = integrator(target)
         notes.append(
@@ -221,11 +221,3 @@ def _narrow(drive: Element, what: str, ends: Array) -> None:
     if low < high:
         drive.set(f"{what}range", text((float(low), float(high))))
         drive.set(f"{what}limited", "true")
-
-
-def _section(root: Element, name: str) -> Element:
-    found = root.find(name)
-    if found is None:
-        found = element(name)
-        root.append(found)
-    return found

@@ -44,6 +44,12 @@ def _scaled(target: Target, _effect: Effect | None) -> bool:
     return prod(factors, start=target.device.torque_scale) != 1.0
 
 
+def _position_limited(target: Target, limited: str) -> bool:
+    drive = target.device.servo
+    return drive is not None and drive.torque_limit is not None and drive.limited == limited
+
+
+_WHOLE = "the limit includes kd times the speed"
 DEVICE_ROWS = (
     row(
         "link: inertia",
@@ -101,8 +107,8 @@ DEVICE_ROWS = (
         ros2_control="= command interface 'damping'",
     ),
     row(
-        "motors: torque_limit", "", lambda t, _e: not servo(t, None),
-        mjcf="= ctrlrange; of a position drive forcerange", isaaclab="= effort_limit", bam="= kt/R, with --supply",
+        "motors: torque_limit", "", lambda t, _e: not servo(t, None) and not position_drive(t, None),
+        mjcf="= ctrlrange", isaaclab="= effort_limit", bam="= kt/R, with --supply",
         others="= limit/effort", ros2_control="= command_interface min, max; max_effort",
     ),
     row(
@@ -124,6 +130,17 @@ DEVICE_ROWS = (
         sdf="= JointPositionController p_gain, d_gain", isaaclab="= stiffness, damping",
         bam="= kt and R with --supply; the gain of the firmware belongs to the actuator class",
         ros2_control="= pid_controller gains p, d",
+    ),
+    row(
+        "servo: torque_limit", "limited: proportional", lambda t, _e: _position_limited(t, "proportional"),
+        mjcf="= forcerange; kd is the damping of the actuator", urdf="= limit/effort", bam="= kt/R, with --supply",
+        sdf=f"~ cmd_max, cmd_min | {_WHOLE}", isaaclab=f"~ effort_limit | {_WHOLE}",
+        ros2_control=f"~ command_interface min, max; max_effort | {_WHOLE}",
+    ),
+    row(
+        "servo: torque_limit", "limited: sum", lambda t, _e: _position_limited(t, "sum"),
+        mjcf="= forcerange", urdf="= limit/effort", bam="~ kt/R, with --supply | kd times the speed is not limited",
+        sdf="= cmd_max, cmd_min", isaaclab="= effort_limit", ros2_control="= command_interface min, max; max_effort",
     ),
     row(
         "servo: switched off", "position drive", position_drive,

@@ -42,6 +42,15 @@ def leaf(tag: str, content: Value) -> Element:
     return made
 
 
+def child(parent: Element, tag: str) -> Element:
+    """The first child with this tag, made if there is none."""
+    found = parent.find(tag)
+    if found is None:
+        found = element(tag)
+        parent.append(found)
+    return found
+
+
 def document(root: Element, comment: str = "", declaration: bool = False) -> str:
     """Indented XML; `comment` follows the root's start."""
     ElementTree.indent(root)

@@ -4,6 +4,7 @@ import numpy as np
 from gap_logs import log_of, rigid
 from via_core.devices import load_device
 from via_core.signals import Signals
+from via_gap.candidates.fit import Fit, fit_on
 from via_gap.candidates.screen import ranked
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
@@ -11,6 +12,7 @@ from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import candidates_of
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.search import Search
+from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
@@ -61,3 +63,26 @@ def test_small_effects_are_sought_although_less_than_one_standard_deviation_is_l
     report = diagnose([log_of(rigid(), planted, seed=3, duration=10.0)], rigid())
     assert report.gap.after < np.sqrt(2.0) * report.gap.floor and len(report.effects) == 1
     assert any(len(trial.effects) == 2 for trial in report.figures.trials)
+
+
+def test_causes_that_are_tied_with_the_named_one_are_fitted_to_convergence_as_well():
+    """The tied payload begins with gravity .9 of its tolerance off, on the line where both are one sum."""
+    device, moment = rigid(), 0.3 * 0.4
+    payload = Effect("payload", "link", {"mass": 0.3, "distance": 0.4})
+    recordings = Recordings.of([log_of(device, (payload,), seed=7, duration=10.0, tolerance=0.0)], None, device)
+    experiment = Experiment.of(recordings.fitted, recordings.held_out)
+    problem, scales = experiment.fitted, candidates_of(experiment).scales
+    gravity = [each.name for each in problem.nuisances].index("gravity torque")
+    offsets = 0.9 * (np.arange(len(problem.nuisances)) == gravity)
+    weight = moment - 0.9 * device.tolerances.gravity * device.link.gravity_torque / 9.81
+    mass = weight**2 / (0.3 * 0.4**2)
+    near = Effect("payload", "link", {"mass": mass, "distance": weight / mass})
+    gain = Effect("torque_gain", "motor", {"gain": 0.9}, 1)
+    begins = ((gain, 0.0 * offsets), (near, offsets))
+    fits = [Fit((each,), at, 0.0, np.empty(0), np.eye(len(each.parameters))) for each, at in begins]
+    named, tied = experiment.evaluate([fit_on(problem, fit) for fit in fits])
+    causes = tuple(each.fit.locations[0] for each in (named, tied))
+    decision = Decision("effect", named, 1.0, tuple((each, 0.5) for each in causes), (named, tied), causes)
+    _, after = decision.converged(experiment, scales).models
+    mass, distance = after.fit.values
+    assert after.fit.offsets[gravity] == 0.0 and abs(mass * distance - moment) < 0.01 * moment

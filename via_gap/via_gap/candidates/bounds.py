@@ -33,10 +33,9 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
         reach = np.where(is_torque, np.minimum(reach, WIDEST * scales.missing[location.axis]), reach)
     low, high = np.array([(p.low, p.high) for p in location.parameters]).T
     if np.isfinite(scales.gravity):
-        slots = [p.slot for p in location.parameters]
-        low = np.where([slot == "gravity_torque" for slot in slots], -scales.gravity, low)
-        turned = np.where([slot == "gravity_angle" for slot in slots], QUARTER, np.inf)
-        low, high = np.maximum(low, -turned), np.minimum(high, turned)
+        ends = {"gravity_torque": (-scales.gravity, np.inf), "gravity_angle": (-QUARTER, QUARTER)}
+        least, most = np.array([ends.get(str(p.slot), (-np.inf, np.inf)) for p in location.parameters]).T
+        low, high = np.maximum(low, least), np.minimum(high, most)
     if location.kind.whole_period:
         whole = 2.0 * np.pi / max(float(scales.travel[location.axis]), 1e-9)
         is_order = np.array([p.unit == "1/rev" for p in location.parameters])

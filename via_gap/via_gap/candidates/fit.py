@@ -174,7 +174,7 @@ class Axes:
         scales: Scales,
         fitted: bool = False,
     ) -> Axes:
-        """Coordinates; if `fitted`, one-sided parameters that are further from both ends than errors take them up."""
+        """If `fitted`, a parameter takes up errors wherever it is further from both ends of its range than these."""
         locations, starts = [location for location, _ in members], [value for _, values in members for value in values]
         parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])

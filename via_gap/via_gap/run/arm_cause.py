@@ -124,7 +124,7 @@ def with_causes(arm: Arm, causes: Sequence[ArmCause]) -> Arm:
 
 
 def _fitted_again(arm: Arm, cause: ArmCause, train: Array, test: Array) -> ArmCause | None:
-    """The same cause with other numbers; None where it may be zero. Raises StopIteration if it is not the arm's."""
+    """The same cause with other numbers; None where it may be zero."""
     sort = {BodyError: BodyNumbers, Payload: PointMass, AngleOffset: Zero, Gravity: MissingGravity}[type(cause)]
     if isinstance(cause, BodyError) and cause.share is not None:
         sort = Density

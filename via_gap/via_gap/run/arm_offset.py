@@ -18,6 +18,8 @@ from via_core.signals import Array
 from via_gap.run.arm_equation import NUMBERS_OF_BODY, ArmFit, OneUnknown, offset_column
 from via_gap.run.arm_model import Arm, joint_number
 
+LINEAR = 0.2  # [rad] largest offset: beyond it the derivative is wrong by more than 2 %, and a body may resemble it
+
 
 @dataclass(frozen=True)
 class AngleOffset:
@@ -46,9 +48,6 @@ class AngleOffset:
             f"{100.0 * self.explained:.3g} % of the squared missing torque that errors of single joints leave. "
             "The joints are diagnosed with it."
         )
-
-
-LINEAR = 0.2  # [rad] largest offset: beyond it the derivative is wrong by more than 2 %, and a body may resemble it
 
 
 class Zero(OneUnknown):
