@@ -33,7 +33,9 @@ made = export(load_device("my_joint.yaml"), load_effects("repair.yaml"), "urdf")
 
 With `--into` the given file (MuJoCo, URDF, SDF or BAM) is edited and written to `--out`: the joint gets the friction,
 drive and springs of the device; mass and inertia of the bodies are kept, and only their changes are added. What must be
-done by hand is printed. Other joints are not changed.
+done by hand is printed. Other joints are not changed. What all joints of an arm feel (`report_payload.json`,
+`report_body.json`, `report_offset.json`, `report_gravity.json`) is written into its URDF or MJCF file, one report after
+the other, without a device.
 
 `--check` simulates a log with the exported model in MuJoCo and states the gap before and after the repair, beside the
 same figures of `via_sim` and of the report. Both simulators start from the same states under the same commands.
