@@ -178,6 +178,22 @@ def test_bag_map_shows_guesses_and_writes_a_mapping_that_imports(folder: Path, e
     np.testing.assert_allclose(log.measured["q"], moved(20.0, locked=True)["q"][:, 0], atol=1e-8)
 
 
+def test_a_joint_may_have_another_name_in_the_recording(folder: Path) -> None:
+    run = moved(20.0, locked=True)
+    both = {"q": np.stack([run["q"][:, 0], 0.0 * run["time"]], 1), "tau": np.stack([run["tau"][:, 0]] * 2, 1)}
+    np.savez(folder / "numbered.npz", time=run["time"], **both)
+    body = '<body><joint name="flap" axis="0 1 0"/><geom size=".1" mass="1"/></body>'
+    (folder / "one.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>", encoding="utf-8")
+    made = ["device", "new", folder / "one.xml", "--log", folder / "numbered.npz"]
+    done = via(*made, "--log-joint", "2", "--out", folder / "none.yaml")
+    assert "choose with --joint from: 0, 1; beside a model, with --log-joint" in str(done.exception)
+    done = via(*made, "--log-joint", "0", "--out", folder / "numbered.yaml")
+    assert done.exit_code == 0, done.output
+    log = read_log(folder / "numbered.npz", load_device(folder / "numbered.yaml"))
+    assert log.device.link_joint == "flap"
+    np.testing.assert_allclose(log.measured["q"], run["q"][:, 0])
+
+
 def test_questions_on_a_terminal_give_a_device_that_loads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("via_bringup.cli.device_new._on_terminal", lambda: True)
     answers = ["Wrist 2", "300 g", "20 cm", "0", "y", "0", "12 mNm", "n", "1 kHz", "4096"]

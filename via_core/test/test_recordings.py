@@ -26,6 +26,7 @@ from via_core.recordings.mapping_text import mapping_text
 from via_core.recordings.tables import is_bag, numbers, read_tables
 from via_core.recordings.units import factor, is_linear, is_unit, kind
 from via_core.signals import Signals
+from via_core.wire import JOINT_STATE
 
 N = 200
 TIME = np.arange(N) * 0.004
@@ -428,7 +429,10 @@ def test_a_missing_ignored_column_is_no_error_and_a_foreign_header_says_what_to_
     [
         ("a.csv", b"", "is empty"),
         ("a.csv", b"t,q\n0,1,2\n", "line 2 has 3 columns, its header 2"),
+        ("a.csv", b"t,q\n0,1\n# start\n1,2\n2\n", "line 5 has 1 columns, its header 2"),
         ("a.csv", b"\xff\xfe", "not UTF-8"),
+        ("a.csv", "Zeit,Winkel [\u00b0]\n0,1\n".encode("latin-1"), "iconv -f latin1 -t utf-8 .*a.csv > .*a_utf8.csv"),
+        ("a.bag", b"#ROSBAG V2.0\n", "is a bag of ROS 1; convert it: rosbags-convert --src .*a.bag --dst .*a$"),
         ("a.mat", b"nonsense", "cannot be read"),
         ("a.json", b"[1, 2]", "neither a list of records nor an object of arrays"),
         ("a.json", b"[" * 100_000, "cannot be read"),
@@ -454,6 +458,51 @@ def test_numbers_name_the_cell_that_is_none(tmp_path: Path) -> None:
         SignalError, match=r"no column 'angle', which wire.columns of 'elbow' names as q; there are: t, pos"
     ):
         read_joint(tmp_path / "b.csv", device)
+
+
+@pytest.mark.parametrize(
+    ("names", "below"),
+    [
+        (["time", "position", "torque"], "s, deg, mNm\n0,N/A,1000\n# a comment\n0.5,90,-\n"),
+        (['"time [s]"', '"position [deg]"', '"torque [mNm]"'], "0,,1000\n0.5,90,NULL\n"),
+        (["time", "position", "torque"], "[s];[deg];[mNm]\n0,0;None;1000\n0,5;90;null\n"),
+    ],
+)
+def test_units_below_names_comments_and_missing_cells(tmp_path: Path, names: list[str], below: str) -> None:
+    delimiter = ";" if ";" in below else ","
+    (tmp_path / "a.csv").write_text(delimiter.join(names) + "\n" + below, encoding="utf-8")
+    frame = read_tables(tmp_path / "a.csv")[""]
+    assert list(frame.columns) == ["time [s]", "position [deg]", "torque [mNm]"]
+    np.testing.assert_array_equal(numbers(frame, "time [s]"), [0.0, 0.5])
+    np.testing.assert_array_equal(numbers(frame, "position [deg]"), [np.nan, 90.0])
+    np.testing.assert_array_equal(numbers(frame, "torque [mNm]"), [1000.0, np.nan])
+
+
+def test_a_quoted_name_may_contain_the_delimiter(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text('"time, s","position, deg"\n0,1\n1,"2"\n', encoding="utf-8")
+    frame = read_tables(tmp_path / "a.csv")[""]
+    assert list(frame.columns) == ["time, s", "position, deg"] and list(frame["position, deg"]) == [1, 2]
+
+
+def test_a_line_of_words_that_are_no_units_is_no_line_of_units(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("mode,state\nidle,on\nrun,on\n", encoding="utf-8")
+    frame = read_tables(tmp_path / "a.csv")[""]
+    assert list(frame.columns) == ["mode", "state"] and len(frame) == 2
+
+
+def test_messages_without_a_stamp_have_their_times_of_recording(tmp_path: Path) -> None:
+    store = typestore_of(JOINT_STATE)
+    types = store.types
+    with Writer(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        topic = bag.add_connection("/joint_states", JOINT_STATE, typestore=store)
+        for k in range(N):
+            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "")
+            state = types[JOINT_STATE](header, ["elbow"], ANGLE[[k]], np.zeros(0), TORQUE[[k]])
+            bag.write(topic, round(1e9 * TIME[k]) + 10**18, store.serialize_cdr(state, JOINT_STATE))
+    device = parse_device(DEVICE.format(wire="{link: elbow, motors: [elbow]}"), "d")
+    measured, _, _ = joint_signals(read_bag(tmp_path / "run"), device)
+    np.testing.assert_allclose(measured.time, TIME, atol=1e-9)
+    assert "unset" in {each.check for each in check(tmp_path / "run", device)}
 
 
 def test_a_summary_states_the_size_of_a_bag_in_sqlite3(tmp_path: Path) -> None:

@@ -99,6 +99,16 @@ def test_a_position_actuator_is_seen_through_its_gear(folder: Path) -> None:
     assert "effort 40" not in made.text()  # it is the limit of the drive, not one without an entry
 
 
+def test_the_inertia_over_all_poses_includes_the_rotor(folder: Path) -> None:
+    file = folder / "robot.xml"
+    file.write_text(file.read_text().replace('name="shoulder" ', 'name="shoulder" armature="5" ', 1), encoding="utf-8")
+    robot, made = read_robot(file), Description("shoulder", "shoulder", "via")
+    of_model(made, robot, robot.joint("shoulder"), {})
+    lowest, highest = (robot.seen_at("shoulder").lowest + 5.0, robot.seen_at("shoulder").highest + 5.0)
+    assert f"({lowest:.3g} to {highest:.3g} over all poses), rotor 5 included" in made.text()
+    assert lowest < highest and lowest <= made.numbers["inertia"].value <= highest
+
+
 def test_gains_without_model_are_guesses_with_wide_tolerance() -> None:
     made = Description("a", "a", "via", drive="position")
     from via_core.robots.description import Number

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from math import tau
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -299,6 +300,11 @@ class WireColumn(Record):
         if self.unit is None:
             return self.scale
         return self.scale * factor(self.unit, self.counts_per_turn) * (self.torque_constant or 1.0)
+
+    @property
+    def turn(self) -> float:
+        """[rad] of the channel for one turn of the encoder: `scale` is the gear where the unit is an angle."""
+        return tau * (abs(self.scale) if self.unit else 1.0)
 
     def check_unit(self, channel: str) -> None:
         """Raise ValueError where the unit does not fit the channel."""

@@ -32,6 +32,9 @@ def new(
     ] = None,
     counts_per_turn: CountsPerTurn = None,
     torque_constant: TorqueConstant = None,
+    log_joint: Annotated[
+        str, typer.Option(help="Name or number of the joint in the recording, if the model has another name.")
+    ] = "",
 ) -> None:
     """Write a commented device file from a model (URDF, MJCF), a recording, both, or the answers to questions.
 
@@ -44,7 +47,12 @@ def new(
         _ask(described)
     else:
         described = describe(
-            described.command, model, joint, log, _angles(at or []), Constants(counts_per_turn, torque_constant)
+            described.command,
+            model,
+            joint,
+            log,
+            _angles(at or []),
+            Constants(counts_per_turn, torque_constant, log_joint),
         )
     target = out or Path(f"{described.name}.yaml")
     if target.exists():

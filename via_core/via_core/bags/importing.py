@@ -25,7 +25,8 @@ from via_core.bags.recording_checks import check_recording, check_samples, usabl
 from via_core.bags.writer import BagWriter
 from via_core.devices import Device, load_device
 from via_core.errors import BagError, ImportMapError, ViaError
-from via_core.recordings.tables import TEXTS, is_bag, numbers, read_csv, read_tables
+from via_core.recordings.tables import TEXTS, is_bag, numbers, read_tables
+from via_core.recordings.texts import read_csv
 from via_core.signals import Array, Mask, Signals
 from via_core.text_files import shown
 from via_core.wire import JOINT_STATE, SECOND, UNITS, VSA_COMMAND

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from via_core.bags.container import files_of
 from via_core.bags.findings import Finding
-from via_core.bags.joints import joint_signals
+from via_core.bags.joints import StampReport, joint_signals
 from via_core.bags.losses import NOTABLE, losses
 from via_core.bags.reader import Bag, Columns, Topic, read_bag
 from via_core.bags.recording_checks import GAP_PERIODS, check_recording, check_samples
@@ -90,10 +90,31 @@ def _check_table(path: Path, device: Device | None) -> list[Finding]:
     if device is None:
         raise BagError(f"{path.name} is no bag but a table: add --device, whose wire.columns say what its columns hold")
     try:
-        measured, commands, _ = read_joint(path, device)
+        measured, commands, reports = read_joint(path, device)
     except SignalError as error:
         return [Finding("error", "joint", device.name, str(error), 1.0)]
-    return [*check_samples(measured.time, {"q": measured["q"]}), *check_recording(measured, commands, device)]
+    found = [*_dropped(reports[0], "time"), *check_samples(measured.time, {"q": measured["q"]}), *_turns(reports)]
+    return [*found, *check_recording(measured, commands, device)]
+
+
+def _dropped(report: StampReport, subject: str) -> list[Finding]:
+    """Findings on rows of a table without use because of their stamps."""
+    counts = (("repeated", report.repeated, "repeat"), ("backward", report.backward, "are earlier than"))
+    text = "{} of {} stamps {} the one before; their rows are left out"
+    return [
+        Finding("warning", check_name, subject, text.format(bad, report.messages, what), bad / report.messages, 0.0)
+        for check_name, bad, what in counts
+        if bad
+    ]
+
+
+def _turns(reports: Iterable[StampReport]) -> list[Finding]:
+    """Notes on angles that started again after a turn."""
+    return [
+        Finding("note", "turn", channel, f"passes the end of its turn {count} times; read as continuous", float(count))
+        for report in reports
+        for channel, count in report.passed.items()
+    ]
 
 
 def _check_topic(bag: Bag, name: str) -> list[Finding]:
@@ -107,6 +128,9 @@ def _check_topic(bag: Bag, name: str) -> list[Finding]:
     if len(columns.left_out) > MOST_SHOWN:
         text = f"{len(columns.left_out)} messages in all are skipped for such reasons"
         findings.append(Finding("warning", "content", name, text, float(len(columns.left_out))))
+    if bag.topic(name).unset:
+        text = "no message has a stamp: the publisher left them at zero; times of recording are used, which jitter"
+        findings.append(Finding("warning", "unset", name, text, 1.0, 0.0))
     findings += _timing(columns) + _losses(columns)
     if columns.type_name in (JOINT_STATE, VSA_COMMAND):
         findings += _values(columns)
@@ -217,6 +241,7 @@ def _check_joint(bag: Bag, device: Device, joint_topic: str) -> list[Finding]:
         if report.others:
             text = f"{report.others} of {report.messages} messages are of other joints"
             findings.append(Finding("note", "others", report.topic, text, float(report.others)))
+    findings += _turns(reports)
     return findings + _check_channels(measured, device) + list(check_recording(measured, commands, device))
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from via_core.bags.reader import Bag, Columns
+from via_core.bags.turns import continuous
 from via_core.devices import Device
 from via_core.errors import BagError
 from via_core.signals import Array, Indices, Mask, Signals
@@ -34,6 +36,7 @@ class StampReport:
     repeated   messages dropped because an earlier one has the same stamp
     backward   messages dropped because an earlier one has a later stamp
     kept       samples in the Signals
+    passed     how often an angle passed the end of its turn, by channel; these angles were made continuous
     """
 
     topic: str
@@ -43,6 +46,7 @@ class StampReport:
     repeated: int
     backward: int
     kept: int
+    passed: Mapping[str, int] = field(default_factory=dict)
 
 
 class JointRecording(NamedTuple):
@@ -50,7 +54,12 @@ class JointRecording(NamedTuple):
 
     measured: Signals
     commands: Signals | None  # None without commands
-    reports: tuple[StampReport, ...]
+    reports: tuple[StampReport, ...]  # that of the link's angle first
+
+    def made_continuous(self, turns: Mapping[tuple[str, int], float] | None = None) -> JointRecording:
+        """This recording with angles that do not start again after each turn; `turns` as in `continuous`."""
+        measured, commands, passed = continuous(self.measured, self.commands, turns)
+        return JointRecording(measured, commands, (replace(self.reports[0], passed=passed), *self.reports[1:]))
 
 
 def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") -> JointRecording:
@@ -93,9 +102,9 @@ def recorded(
     measured = {name: values[keep] for name, values in channels.items() if np.isfinite(values[keep]).any()}
     signals = Signals(seconds(states.stamp[keep], origin), measured, UNITS)
     if commands is None:
-        return JointRecording(signals, None, (report,))
+        return JointRecording(signals, None, (report,)).made_continuous()
     commanded, command_report = _commands(commands, device, origin)
-    return JointRecording(signals, commanded, (report, command_report))
+    return JointRecording(signals, commanded, (report, command_report)).made_continuous()
 
 
 def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], Mask]:
@@ -108,15 +117,15 @@ def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], M
         if device.link_joint not in names:
             continue
         present[rows] = True
-        arrays = {field: states[field][rows] for field in FIELDS}
-        for channel, field in LINK.items():
+        arrays = {member: states[member][rows] for member in FIELDS}
+        for channel, member in LINK.items():
             if channel == "tau_link" and device.link_joint in device.drive_joints:
                 continue  # one name for link and drive, as drivers of rigid joints publish: the effort is the drive's
-            channels[channel][rows] = _picked(arrays[field], names.index(device.link_joint))
+            channels[channel][rows] = _picked(arrays[member], names.index(device.link_joint))
         for i, joint in enumerate(device.drive_joints):
             if joint in names:
-                for channel, field in device.drive_channels.items():
-                    channels[channel][rows, i] = _picked(arrays[field], names.index(joint))
+                for channel, member in device.drive_channels.items():
+                    channels[channel][rows, i] = _picked(arrays[member], names.index(joint))
     return channels, present
 
 

@@ -114,7 +114,10 @@ class Topic:
 
     @cached_property
     def stamp(self) -> Integers:
-        """Header stamps [ns]; log times for types without a header and messages too short for one."""
+        """Header stamps [ns]; log times where no message of the topic has a stamp, and for messages too short for one.
+
+        Stamps are absent in types without a header, and where the publisher never set them.
+        """
         if not self._has_header:
             return self.log_time
         length, stamp = self.messages["length"], self.log_time.copy()
@@ -123,7 +126,12 @@ class Topic:
         time = self.messages.data[at].view("<u4").reshape(-1, 2).astype(np.int64)
         seconds = time[:, 0] - ((time[:, 0] >> 31) << 32)  # int32
         stamp[long] = seconds * SECOND + time[:, 1]
-        return stamp
+        return stamp if len(stamp) < 2 or stamp.any() else self.log_time
+
+    @property
+    def unset(self) -> bool:
+        """Whether the messages have headers whose stamps were never set."""
+        return self._has_header and self.stamp is self.log_time
 
     @property
     def _has_header(self) -> bool:

@@ -59,7 +59,8 @@ def joint_of(tables: Tables, device: Device, file: str, bag: bool = False) -> Jo
             named = {n: e for n, (t, e) in mine.items() if t == table}
             part = _signals(time, tables[table].iloc[rows], named, device, file, is_command)
             signals[is_command] = part if is_command not in signals else signals[is_command].joined(part)
-    return JointRecording(signals[False], signals.get(True), tuple(reports))
+    turns = {name: entry.turn for name, (_, entry) in columns.items()}
+    return JointRecording(signals[False], signals.get(True), tuple(reports)).made_continuous(turns)
 
 
 Channel = tuple[str, int]  # name and number of the motor, 0: none

@@ -25,6 +25,7 @@ class Constants:
 
     counts_per_turn: float | None = None
     torque_constant: float | None = None  # [N m/A] at the joint
+    joint: str = ""  # name or number of the joint in the recording, where the model has another
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def entries_of(
     tables: Tables, guesses: Sequence[ColumnGuess], joint: str, constants: Constants = Constants(), bag: bool = False
 ) -> Entries:
     """Entries for one joint. Raises SignalError with the remedy where there is no position of it."""
-    chosen = of_joint(guesses, joint)
+    chosen = of_joint(guesses, constants.joint or joint)
     if "position" not in chosen:
         there = ", ".join(f"'{each.column}'" for each in guesses) or "none"
         raise SignalError(f"no column looks like a position; there are: {there}; name it under wire.columns as q")
@@ -47,7 +48,7 @@ def entries_of(
     remarks, columns, explained = [], {}, set()
     time = guess_time(tables[chosen["position"].table], bag)
     if time is None:
-        raise SignalError("no column of the recording increases like a time")
+        raise SignalError("no column of the recording increases like a time; add one, or name it under wire.columns")
     if not bag and (time.column, time.unit) != ("time", "s"):
         columns["time"] = {"column": time.column, "unit": time.unit}, time.reason
     for quantity, channel in CHANNELS.items():

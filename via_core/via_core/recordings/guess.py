@@ -352,7 +352,10 @@ def of_joint(guesses: Sequence[ColumnGuess], joint: str = "") -> dict[Quantity, 
             named = [each for each in guesses if each.quantity and each.joint == others[0]]
         elif others:
             wanted = f"no joint '{joint}'" if joint else "several joints"
-            raise SignalError(f"the recording has {wanted}; choose with --joint from: {', '.join(others)}")
+            raise SignalError(
+                f"the recording has {wanted}; choose with --joint from: {', '.join(others)}; beside a model, with "
+                "--log-joint"
+            )
     chosen: dict[Quantity, ColumnGuess] = {}
     for each in (*named, *free):
         chosen.setdefault(each.quantity, each)

@@ -13,7 +13,8 @@ from via_core.devices import load_device
 from via_core.errors import SignalError
 from via_core.recordings.entries import Constants
 from via_core.recordings.guess import ColumnGuess, TimeGuess
-from via_core.recordings.tables import TEXTS, delimiter_of
+from via_core.recordings.tables import TEXTS
+from via_core.recordings.texts import delimiter_of
 from via_core.recordings.units import COUNTS
 
 QUANTITIES = {"position": "position", "velocity": "velocity", "torque": "effort", "current": "effort"}

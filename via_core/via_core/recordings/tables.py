@@ -14,13 +14,14 @@ import re
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from via_core.errors import BagError, SignalError, ViaError
 from via_core.limits import require_regular
+from via_core.recordings.texts import MISSING, one_line, read_csv
 from via_core.signals import Array
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ WIDEST = 64  # numbers of a list in a cell, or columns of a matrix, that become 
 BAGS = (".mcap", ".db3", ".active")
 TEXTS = (".csv", ".tsv", ".txt")
 JOINT_NAMES = ("name", "joint_names")  # members of messages that name the joints of the others
-_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?|nan|NaN|")
 _LIST = re.compile(r"\s*[\[(].*[\])]\s*")
 
 
@@ -55,6 +55,9 @@ def read_tables(path: str | Path) -> Tables:
     if is_bag(path):
         return _bag(path)
     reader = _READERS.get(path.suffix.lower())
+    if path.suffix.lower() == ".bag":
+        new = path.with_suffix("")
+        raise SignalError(f"{path}: is a bag of ROS 1; convert it: rosbags-convert --src {path} --dst {new}")
     if reader is None:
         raise SignalError(f"{path}: unknown format '{path.suffix}'; there are: bag folders, {', '.join(FORMATS)}")
     try:
@@ -63,9 +66,9 @@ def read_tables(path: str | Path) -> Tables:
     except ViaError:
         raise
     except OSError as error:
-        raise SignalError(f"{path}: cannot be read: {error.strerror or _line(error)}") from None
+        raise SignalError(f"{path}: cannot be read: {error.strerror or one_line(error)}") from None
     except (ValueError, TypeError, KeyError, EOFError, RecursionError, MemoryError, zipfile.BadZipFile) as error:
-        raise SignalError(f"{path}: cannot be read: {_line(error)}") from None
+        raise SignalError(f"{path}: cannot be read: {one_line(error)}") from None
 
 
 def numbers(frame: DataFrame, column: str) -> Array:
@@ -75,109 +78,16 @@ def numbers(frame: DataFrame, column: str) -> Array:
     values = frame[column]
     if values.dtype.kind not in "OTUS":
         return np.asarray(values, dtype=np.float64)
-    texts = values.where(values.astype(str).str.strip() != "")
+    texts = values.where(~values.astype(str).str.strip().isin(MISSING))
     made = pandas.to_numeric(texts, errors="coerce")
-    wrong = np.flatnonzero(made.isna() & texts.notna() & (texts.astype(str).str.strip().str.lower() != "nan"))
+    wrong = np.flatnonzero(made.isna() & texts.notna())
     if len(wrong):
         row = int(wrong[0])
         raise SignalError(f"line {row + 2}, column '{column}': {values.iloc[row]!r} is not a number")
     return np.asarray(made, dtype=np.float64)
 
 
-# ---- text
-
-
-class _Head(NamedTuple):
-    """Beginning of a table of text: its header line, the lines before its rows, and its delimiter."""
-
-    line: str
-    skipped: int  # comments and the header
-    delimiter: str
-
-
-def _head(path: Path, delimiter: str | None) -> _Head:
-    """The header: the first line that is no comment, or a comment above a line of numbers, as numpy.savetxt writes."""
-    try:
-        require_regular(path)
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            line, comment, skipped = file.readline(), "", 0
-            while line.lstrip().startswith("#"):
-                line, comment, skipped = file.readline(), line.strip().lstrip("# "), skipped + 1
-    except OSError as error:
-        raise SignalError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise SignalError(f"{path}: cannot be read: not UTF-8 text") from None
-    if not line.strip():
-        raise SignalError(f"{path.name} is empty")
-    found = delimiter or max(",;\t", key=line.count)
-    if delimiter is None and found not in line and " " in line.strip():
-        found = " "
-    cells = line.split(found) if found != " " else line.split()
-    if not all(_NUMBER.fullmatch(cell.strip()) for cell in cells):
-        return _Head(line, skipped + 1, found)
-    names = re.split(r"[,;\t ]+", comment) if comment else []
-    if len(names) != len(cells):
-        names = [f"column[{k}]" for k in range(len(cells))]
-    return _Head(found.join(names), skipped, found)
-
-
-def delimiter_of(path: Path) -> str:
-    """The delimiter of a table of text."""
-    return _head(path, None).delimiter
-
-
-def read_csv(path: Path, delimiter: str | None = None) -> DataFrame:
-    """A table of text: comments (#) before the header are skipped, the delimiter is that of the header line.
-
-    Raises SignalError for a damaged file.
-    """
-    import pyarrow
-    from pyarrow import csv
-
-    head = _head(path, delimiter)
-    if head.delimiter == " ":
-        return _by_spaces(path, head)
-    names = [name.strip().strip('"') for name in head.line.rstrip("\r\n").split(head.delimiter)]
-    parse = csv.ParseOptions(delimiter=head.delimiter)
-    convert = csv.ConvertOptions(
-        null_values=["", "nan", "NaN", "NAN"], strings_can_be_null=True, auto_dict_encode=False,
-        decimal_point="," if head.delimiter == ";" and _decimal_comma(path, head.skipped) else ".",
-    )  # fmt: skip
-    try:
-        # One block: types are inferred from the first block alone.
-        size = min(path.stat().st_size + 4096, 1 << 30)
-        numbered = [str(k) for k in range(len(names))]
-        options = csv.ReadOptions(skip_rows=head.skipped, column_names=numbered, block_size=size)
-        frame = csv.read_csv(path, options, parse, convert).to_pandas()
-    except pyarrow.ArrowInvalid as error:
-        wrong = re.search(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)", str(error))
-        if "Empty CSV" in str(error):
-            return _empty(names)
-        if wrong is None:
-            raise SignalError(f"{path.name} cannot be read: {_line(error)}") from None
-        row = int(wrong[1]) if wrong[1] else head.skipped + 1
-        raise SignalError(f"{path.name} line {row} has {wrong[3]} columns, its header {wrong[2]}") from None
-    frame.columns = names
-    return frame
-
-
-def _empty(names: list[str]) -> DataFrame:
-    import pandas
-
-    return pandas.DataFrame(np.empty((0, len(names))), columns=names)
-
-
-def _decimal_comma(path: Path, skipped: int) -> bool:
-    with path.open(encoding="utf-8-sig") as file:
-        row = [line for _, line in zip(range(skipped + 1), file)][-1]
-    return re.search(r"\d,\d", row) is not None
-
-
-def _by_spaces(path: Path, head: _Head) -> DataFrame:
-    import pandas
-
-    names = head.line.split()
-    return pandas.read_csv(path, sep=r"\s+", skiprows=head.skipped, names=names, index_col=False)
+# ---- rows
 
 
 def _csv(path: Path) -> Tables:
@@ -236,7 +146,7 @@ def _matlab(path: Path) -> Tables:
     except NotImplementedError:
         raise SignalError(f"{path}: is MATLAB 7.3 (HDF5); write it with save(..., '-v7')") from None
     except MatReadError as error:
-        raise SignalError(f"{path}: cannot be read: {_line(error)}") from None
+        raise SignalError(f"{path}: cannot be read: {one_line(error)}") from None
     return _by_length(_leaves({name: each for name, each in content.items() if not name.startswith("__")}), path)
 
 
@@ -380,10 +290,6 @@ def _interfaces(named: NDArray[Any] | None, values: NDArray[Any]) -> dict[str, N
             for interface, value in zip(each.interface_names, each.values, strict=False):
                 made.setdefault(f"{joint}.{interface}", np.full(len(values), np.nan))[row] = value
     return made
-
-
-def _line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:160] or type(error).__name__
 
 
 _READERS: dict[str, Callable[[Path], Tables]] = {

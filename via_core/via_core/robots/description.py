@@ -126,19 +126,20 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
     description.sources.append(robot.file)
     description.confidence = "copied"
     pose = ", ".join(f"{name} at {value:g}" for name, value in at.items()) or "all other joints at their zero"
-    inertia = seen.inertia + (joint.armature or 0.0)
+    rotor = joint.armature or 0.0
+    inertia = seen.inertia + rotor
     between = (
         ""
         if np.isclose(seen.lowest, seen.highest, rtol=1e-3)
-        else f" ({seen.lowest:.3g} to {seen.highest:.3g} over all poses)"
+        else f" ({seen.lowest + rotor:.3g} to {seen.highest + rotor:.3g} over all poses)"
     )
-    rotor = f", rotor {joint.armature:.3g} included" if joint.armature else "; the model states no rotor inertia"
+    included = f", rotor {rotor:.3g} included" if rotor else "; the model states no rotor inertia"
     if inertia > 1e-12:
         numbers["inertia"] = Number(
             inertia,
             "read",
-            f"of all bodies that it moves, with {pose}{between}{rotor}",
-            CAD if joint.armature else WITHOUT_ROTOR,
+            f"of all bodies that it moves, with {pose}{between}{included}",
+            CAD if rotor else WITHOUT_ROTOR,
         )
     else:
         numbers["inertia"] = Number(1e-3, "guessed", "the model states no mass beyond this joint", GUESS)

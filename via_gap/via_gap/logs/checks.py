@@ -42,6 +42,9 @@ def _stamps(log: JointLog) -> Iterator[Finding]:
         if count:
             text = f"{count} samples whose stamps {what} were dropped"
             yield log.finding("duplicates", "time", "note", count, text)
+    for channel, count in log.passed.items():
+        text = f"the angle starts again after a turn, {count} times; read as continuous"
+        yield log.finding("turn", channel, "note", count, text)
 
 
 def _channels(log: JointLog) -> Iterator[Finding]:

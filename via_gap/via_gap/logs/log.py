@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -37,6 +37,7 @@ class JointLog:
     # neighbour [rad], the angle of another joint that acts through coupling. None: not recorded
     commands: Signals | None
     dropped: tuple[int, int] = (0, 0)  # number of samples left out: repeated stamps, stamps that ran backward
+    passed: Mapping[str, int] = field(default_factory=dict)  # by channel: ends of turns that were made continuous
     disbelieved: tuple[int, ...] = ()  # motors whose encoder jumps: their angles count as not measured
     # [s] delay of commands (or torques in their place) that are interpolated linearly between samples;
     # None: zero-order hold (`via_gap.logs.between`)
@@ -47,7 +48,8 @@ class JointLog:
         """The log of messages."""
         measured, commands, reports = recording
         dropped = (sum(report.repeated for report in reports), sum(report.backward for report in reports))
-        return JointLog(name, device, measured, commands, dropped)
+        passed = {channel: count for report in reports for channel, count in report.passed.items()}
+        return JointLog(name, device, measured, commands, dropped, passed)
 
     def __post_init__(self) -> None:
         if len(self.measured) < 2:
