@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
-from via_gap.candidates.location import locations
+from via_gap.candidates.fit import TIME_STEPS, Axes
+from via_gap.candidates.location import Location, locations
+from via_gap.candidates.scales import Scales, scales_of
 from via_gap.diagnosis import diagnose
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_gap.selection.holdout import lopsided, one_sided, split, split_finely
 from via_sim.effects import Effect
@@ -55,6 +58,42 @@ def test_a_push_beside_friction_is_named_though_all_its_edges_were_held_out(monk
     assert found["external_torque"]["torque"].value == pytest.approx(0.06, rel=0.05)
     assert found["external_torque"]["start"].value == pytest.approx(START, abs=0.005)
     assert found["external_torque"]["stop"].value == pytest.approx(STOP, abs=0.005)
+
+
+@pytest.fixture(scope="module")
+def pushed() -> tuple[ResidualModel, Scales]:
+    segments = cut_log(log_of(rigid(), (FRICTION, PUSH), seed=33))
+    problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
+    scales = scales_of([segments], [None], segments.time[segments.valid], np.ones(int(segments.valid.sum())))
+    return problem, scales
+
+
+def test_a_moved_time_changes_the_touched_segments_only(pushed):
+    problem, _ = pushed
+    earlier = replace(PUSH, parameters={**PUSH.parameters, "start": START - 0.3})
+    rows = [problem.row([FRICTION, push]) for push in (PUSH, earlier)]
+    change = problem.per_segment(np.diff(problem.residual(rows), axis=0)[0])
+    (touched,) = problem.touched(np.array([[START - 0.3], [START]]))
+    assert 1 <= len(touched) <= 5
+    assert change[touched].max() > 1.0
+    assert np.delete(change, touched).max() < 1e-12
+
+
+def test_times_are_found_as_by_a_search_with_all_segments(pushed):
+    problem, scales = pushed
+    members = [(Location.of(FRICTION), [0.04]), (Location.of(PUSH), [0.06, START + 0.5, STOP - 0.7])]
+    axes = Axes.of(problem, members, scales)
+    begin = axes.best([axes.coordinates(np.zeros(axes.count), [value for _, values in members for value in values])])
+    found = axes.search_times(begin, TIME_STEPS)
+    slow, along = begin, np.eye(len(begin.at))[axes.count :][axes.times]
+    for step in TIME_STEPS:
+        for _ in range(3):
+            best = axes.best([np.clip(slow.at + side * step * unit, *axes.box) for unit in along for side in (-1, 1)])
+            if best.loss < slow.loss:
+                slow = best
+    np.testing.assert_allclose(found.at, slow.at, atol=1e-12)
+    assert found.loss == pytest.approx(slow.loss, rel=1e-9) and found.loss < begin.loss
+    assert found.at[axes.count :][axes.times] * axes.size[axes.times] == pytest.approx([START, STOP], abs=0.1)
 
 
 def test_errors_on_one_side_show_that_a_motion_repeats_with_the_blocks():

@@ -7,13 +7,15 @@ where they most likely did under the fit (residual/likely_starts.py).
 from __future__ import annotations
 
 import numpy as np
+from via_core.signals import Array
 
 from via_gap.candidates.covariance import clustered_covariance
-from via_gap.candidates.fit import Axes, Fit, fit_on, members_of
+from via_gap.candidates.fit import LEAST_STEP, Axes, Fit, fit_on, members_of
 from via_gap.candidates.scales import Scales
 from via_gap.residual.nuisance import BOUND
-from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.residual_model import STEP, ResidualModel
 
+FINE = 0.03  # of a step: the truncation of central differences then has 1e-4 of the information of a tolerance
 TURNS = 2  # steps of `converged` at most
 
 
@@ -31,7 +33,7 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     here = axes.best([axes.coordinates(fit.offsets, fit.values)])
     for _ in range(TURNS):
         begin, at = here, here.at
-        slopes = axes.central_slopes(at)
+        slopes = _central_slopes(axes, at)
         normal, wanted = axes.step(here, slopes)
         for share in (1.0, 0.5, 0.25):
             trial = axes.best([at + share * (wanted - at)])
@@ -46,3 +48,18 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     known = np.any(slopes[:, count:] != 0.0, axis=0)
     sd = np.where(known, np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), axes.sd(fit))
     return fit_on(problem, axes.fit(here, covariance, sd))
+
+
+def _central_slopes(axes: Axes, at: Array) -> Array:
+    """(R, J + p) derivatives of the residual; 0 for times, fixed parameters and those without valid neighbours."""
+    low, high = axes.box
+    steps = FINE * np.append(
+        STEP / np.array([each.tolerance for each in axes.problem.nuisances]),
+        np.maximum(LEAST_STEP, 0.03 * np.abs(at[axes.count :])),
+    )
+    around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
+    ahead, behind = (axes.losses([*(at + np.diag(each - at))])[1] for each in around)
+    slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
+    known = np.isfinite(slopes[0]) & np.append(~axes.held, ~(axes.times | axes.fixed))
+    slopes[:, ~known] = 0.0
+    return np.asarray(slopes)

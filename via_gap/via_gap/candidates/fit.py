@@ -21,12 +21,11 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
 from via_gap.residual.nuisance import BOUND, descend
-from via_gap.residual.residual_model import STEP, ResidualModel
+from via_gap.residual.residual_model import ResidualModel
 
 ROUNDS = 14
 SPARSE = 6  # of so many neighbouring segments two are used for the first fit of the device parameters
 LEAST_STEP = 0.003  # of the typical size of a parameter: step of a finite difference
-FINE = 0.03  # of a step: the truncation of central differences then has 1e-4 of the information of a tolerance
 SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
 DONE = 2e-3  # share of the loss: after a step that gains less, the Jacobian is renewed or the fit ends
 AGED = 0.3  # share of the loss at which the nuisance Jacobian was computed: below it, the Jacobian is renewed
@@ -261,20 +260,6 @@ class Axes:
         damped = damping * np.diag(normal)
         return normal, descend(normal + np.diag(damped), gradient + damped * here.at, here.at, *self.box)
 
-    def central_slopes(self, at: Array) -> Array:
-        """(R, J + p) derivatives of the residual; 0 for times, fixed parameters and those without valid neighbours."""
-        low, high = self.box
-        steps = FINE * np.append(
-            STEP / np.array([each.tolerance for each in self.problem.nuisances]),
-            np.maximum(LEAST_STEP, 0.03 * np.abs(at[self.count :])),
-        )
-        around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
-        ahead, behind = (self.losses([*(at + np.diag(each - at))])[1] for each in around)
-        slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
-        known = np.isfinite(slopes[0]) & np.append(~self.held, ~(self.times | self.fixed))
-        slopes[:, ~known] = 0.0
-        return np.asarray(slopes)
-
     def covariance(self, here: Point, normal: Array) -> Array:
         """(p, p) of the parameters over their typical sizes, for the mean weighted square of the residual, if above 1.
 
@@ -311,31 +296,44 @@ class Axes:
         return np.where(self.held, 0.0, jacobian)
 
     def slopes(self, here: Point) -> Array:
-        """(R, p) derivatives of the residual by every effect parameter; not finite where a step is invalid."""
-        values = here.at[self.count :]
+        """(R, p) derivatives of the residual by the effects' parameters; not finite where a step is invalid.
+
+        0 for times and fixed parameters.
+        """
+        values, moves = here.at[self.count :], ~(self.times | self.fixed)
         steps = np.maximum(LEAST_STEP, 0.03 * np.abs(values))
-        steps = np.where(values + steps > self.high, -steps, steps)
-        moved = self.losses([*(here.at + np.eye(len(here.at))[self.count :] * steps[:, None])])[1]
-        return (moved - here.residual).T / steps
+        steps = np.where(values + steps > self.high, -steps, steps)[moves]
+        slopes = np.zeros((len(here.residual), len(values)))
+        moved = self.losses([*(here.at + np.eye(len(here.at))[self.count :][moves] * steps[:, None])])[1]
+        slopes[:, moves] = (moved - here.residual).T / steps
+        return slopes
 
     def search_times(self, here: Point, steps: Sequence[float]) -> Point:
-        """Beginnings and ends of effects by steps of decreasing size, because no gradient leads to them."""
-        along = np.eye(len(here.at))[self.count :][self.times]
+        """Beginnings and ends of effects by steps of decreasing size, because no gradient leads to them.
+
+        A moved time changes only the segments between its old and its new value: only these are simulated.
+        """
+        at, along = here.at, np.eye(len(here.at))[self.count :][self.times]
         for step in steps:
             for _ in range(3):
-                moves = [sign * step * unit for unit in along for sign in (-1.0, 1.0)]
-                best = self.best([np.clip(here.at + move, *self.box) for move in moves])
-                if not best.loss < here.loss:
+                tries = [at, *(np.clip(at + move, *self.box) for unit in along for move in (-step * unit, step * unit))]
+                moved = np.array(tries)[:, self.count :][:, self.times] * self.size[self.times]
+                near, _ = self.problem.part(self.problem.touched(np.stack([moved.min(axis=0), moved.max(axis=0)])))
+                if not near.views:
                     break
-                here = best
-        return here
+                losses, _ = replace(self, problem=near).losses(tries)
+                if not losses.min() < losses[0]:
+                    break
+                at = tries[int(np.argmin(losses))]
+        best = self.best([at])
+        return best if best.loss < here.loss else here
 
 
 def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:
     """(R, k) derivatives of the residual by those effect parameters of a fit on which it depends smoothly."""
     axes = Axes.of(problem, members_of(fit), scales)
     slopes = axes.slopes(Point(axes.coordinates(fit.offsets, fit.values), fit.loss, fit.residual))
-    return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0) & ~(axes.times | axes.fixed)]
+    return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0)]
 
 
 def refine(
@@ -372,7 +370,6 @@ def refine(
             slopes = axes.slopes(here)
             apart = ~np.isfinite(slopes[0])  # no valid neighbour: a side, or a parameter at its bound
             slopes[~np.isfinite(slopes)] = 0.0
-            slopes[:, axes.times | axes.fixed] = 0.0
             sloped = here.loss
         normal, wanted = axes.step(here, np.hstack([side, slopes]), damping)
         tries = [here.at + share * (wanted - here.at) for share in SHARES]

@@ -142,6 +142,16 @@ class ResidualModel:
         views = tuple(b.part(which) for b, which in zip(self.views, kept, strict=True) if len(which))
         return replace(self, views=views), np.concatenate([each[which].ravel() for each, which in places])
 
+    def touched(self, spans: Array) -> list[Indices]:
+        """Of each view, indices into `chosen` of the segments in any of the spans (2, n) [s since the run began]."""
+        found = []
+        for view in self.views:
+            segments = view.segments
+            begin = segments.nominal[P.origin] + segments.begin[view.chosen, None] / segments.rate
+            inside = (begin <= spans[1]) & (begin + segments.ticks / segments.rate >= spans[0])
+            found.append(np.flatnonzero(inside.any(axis=1)))
+        return found
+
     def by_view(self, residual: NDArray[Any]) -> list[NDArray[Any]]:
         """The values (..., segments, values per segment) of each view in a residual (..., R)."""
         ends = np.cumsum([len(view.chosen) * view.size for view in self.views])
