@@ -130,7 +130,7 @@ def test_shipped_numbers_are_the_published_ones(name: str, key: str, value: floa
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [
-        ("name", "Joint 1", ["name: ", "got 'Joint 1'"]),
+        ("name", "Joint 1", ["name: must be of lower case letters, digits and _", "got 'Joint 1'"]),
         ("name", "", ["name: "]),
         ("source", [], ["source: ", "got []"]),
         ("confidence", "sure", ["confidence: must be 'measured'", "'assumed'", "got 'sure'"]),

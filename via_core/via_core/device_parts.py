@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 
 from via_core.dampers import DamperMap, LinearDamper, TwoStageDamper
 from via_core.errors import ParameterError
+from via_core.problems import NAME
 from via_core.recordings.units import factor, kind
 from via_core.signals import Array
 from via_core.springs import (
@@ -48,7 +49,7 @@ class Record(BaseModel):
 class Described(Record):
     """What a file describes, where its numbers come from, and how reliable they are."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    name: Annotated[str, Field(pattern=NAME)]
     title: Text
     source: Annotated[tuple[Text, ...], Field(min_length=1)]
     confidence: Literal["measured", "published", "identified", "copied", "assumed"]

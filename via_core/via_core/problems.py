@@ -11,6 +11,7 @@ _TAGS = {
     *("torque", "servo", "linear", "two_stage"),
     *("cubic", "odd_polynomial", "sinh", "exponential", "four_bar", "maccepa", "two_lever"),
 }
+NAME = r"^[a-z][a-z0-9_]*$"  # of devices and their parts
 SHOWN = 80  # characters of a value
 
 
@@ -35,6 +36,8 @@ def _problem(problem: Any) -> str:
         return f"{key}.{which}: must be one of {context['expected_tags']}, got '{context['tag']}'"
     if problem["type"] == "extra_forbidden":
         return f"{key}: is no known key"
+    if problem["type"] == "string_pattern_mismatch" and problem["ctx"]["pattern"] == NAME:
+        text = "must be of lower case letters, digits and _, and begin with a letter"
     if problem["type"] in ("model_type", "model_attributes_type", "dataclass_type"):
         text = "must be a mapping of keys"
     if problem["type"] in ("value_error", "json_invalid"):

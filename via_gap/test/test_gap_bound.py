@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from gap_logs import flexible as joint
 from gap_logs import log_of, rigid, servo
+from via_core.devices import parse_device
+from via_core.signals import Signals
 from via_gap.candidates.fit import Fit, fit_device_parameters
+from via_gap.logs.log import JointLog
 from via_gap.residual.errors import Errors, free_errors
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments, cut_log
@@ -16,7 +19,21 @@ from via_gap.selection.evidence import evaluate
 from via_gap.selection.gap import _gap
 from via_gap.selection.holdout import split
 from via_sim.effects import Effect
+from via_sim.joint.layout import GOAL
+from via_sim.plants import JointPlant
+from via_sim.simulate import simulate
 
+POSITIONED = """
+name: joint
+title: rigid test joint with a position drive
+source: [made for a test]
+confidence: assumed
+arrangement: rigid
+drive: position
+link: {inertia: 0.04, viscous_friction: 0.1, gravity_torque: 1.0}
+servo: {kp: 12.0, kd: 0.4}
+sensors: {rate: 500.0, link_quantum: 9.587e-5}
+"""
 DRAG = Effect("quadratic_drag", "link", {"coefficient": 0.01})
 
 
@@ -104,6 +121,23 @@ def test_friction_that_differs_along_the_way_is_in_reach(friction):
     normal = values[known].T @ values[known] + 1e-6 * np.eye(values.shape[1])
     left = torque - values @ np.linalg.solve(normal, values[known].T @ torque[known])
     assert np.std(left[~known]) < 0.3 * np.std(torque[~known])
+
+
+def test_the_integral_of_the_error_of_a_position_drive_is_in_reach():
+    """Integral action is outside the catalogue: without it in reach, what imitates a part of it would be its cause."""
+    device = parse_device(POSITIONED, "positioned")
+    time = np.arange(10_000) / 500.0
+    goal = 0.8 * np.sign(np.sin(2.0 * time)) + 0.3 * np.sin(0.7 * time)
+    commands = Signals(time, {"equilibrium": goal}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
+    run = simulate(JointPlant.from_device(device), commands, 20.0, 500.0)
+    segments = cut_log(JointLog("run", device, run.measured.select(["q"]), commands))
+    values, every = Basis.of([segments]).values(segments), ticks_of(segments)
+    error = (segments.commands[:, GOAL] - segments.start[:, 0])[::every]
+    torque = np.cumsum(error) * every / segments.rate
+    known = (np.arange(len(torque)) // 250) % 2 == 0
+    normal = values[known].T @ values[known] + 1e-6 * np.eye(values.shape[1])
+    left = torque - values @ np.linalg.solve(normal, values[known].T @ torque[known])
+    assert np.std(left[~known]) < 0.1 * np.std(torque[~known])
 
 
 def test_a_torque_that_repeats_along_the_way_is_found_by_its_waves():

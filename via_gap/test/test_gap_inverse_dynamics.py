@@ -273,3 +273,16 @@ def test_dry_friction_may_be_larger_than_all_other_torque_on_a_link():
     assert scales.torque[0] == pytest.approx(np.std(log.commands["external_torque"]), rel=0.01)
     _, high = bounds_of(Location("coulomb_friction", "link", 0), scales)
     assert high[0] > 2.0 * MUCH.parameters["torque"]
+
+
+def test_friction_that_differs_with_the_direction_holds_as_a_bias_beside_it_does():
+    """The same physics under two names, at standstill as well: static friction is not symmetric about zero."""
+    forward, backward = 0.02, 0.10
+    one = Effect("asymmetric_coulomb", "link", {"forward": forward, "backward": backward})
+    other = (
+        Effect("coulomb_friction", "link", {"torque": 0.5 * (forward + backward)}),
+        Effect("torque_bias", "motor", {"torque": 0.5 * (backward - forward)}, 1),
+    )
+    model = model_of(log_of(rigid(), (one,), seed=3))
+    first, second = model.residual([model.row([one]), model.row(other)])
+    np.testing.assert_allclose(first, second, atol=1e-6)

@@ -125,6 +125,24 @@ def test_a_richer_friction_whose_shape_is_at_its_end_is_the_plainer_one():
     assert doubt(fit(stribeck, 1e-4, 0.06, 0.03, 0.2), scales()) == ""
 
 
+def test_friction_of_the_device_file_can_be_absent_but_not_less():
+    location = Location("coulomb_friction", "link", 0)
+    assert bounds_of(location, scales())[0].tolist() == [0.0]  # none is filed
+    found = replace(scales(), friction=np.array([0.03, 0.0, 0.0]))
+    assert bounds_of(location, found)[0].tolist() == [-0.03]
+    assert doubt(fit(location, 1e-3, -0.03), found) == ""
+    narrow = replace(found, missing=np.full(3, 0.002))
+    assert doubt(fit(location, 1e-3, -0.02), narrow).endswith("end of its range")
+
+
+def test_an_asymmetric_friction_whose_directions_agree_is_the_plainer_one():
+    both = Location("asymmetric_coulomb", "link", 0)
+    assert doubt(fit(both, 2e-3, 0.030, 0.034), scales()) == f"{both}: is consistent with coulomb_friction"
+    assert doubt(fit(both, 2e-3, 0.030, 0.037), scales()) == ""
+    common = 4e-4 * np.ones((2, 2)) + 1e-6 * np.eye(2)  # what is unknown of both is no difference
+    assert doubt(fit(both, common, 0.060, 0.064), scales()) == ""
+
+
 def test_on_a_subset_only_what_no_more_data_would_help_is_left_out():
     uncertain = fit(COULOMB, 0.01, 0.005)
     assert doubt(uncertain, scales()).endswith("consistent with zero") and absurd(uncertain, scales()) == ""

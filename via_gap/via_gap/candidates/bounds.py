@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from via_core.signals import Array
+from via_core.signals import Array, Mask
 
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
@@ -18,7 +18,7 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
     """Lowest and highest value (p,) of every parameter; torques and inertias at most WIDEST times the typical size.
 
     Dry friction is also at most WIDEST times the largest missing torque of its axis: the larger a static friction is,
-    the more errors near standstill lie below it, so that the equations alone do not limit it.
+    the more errors near standstill lie below it, so that the equations alone do not limit it. It can be absent.
 
     Gravity can be absent, with the tolerance of the device file, but not reversed: that is an angle with another
     zero, or a drive that does more than its model.
@@ -32,6 +32,7 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
         is_torque = np.array([p.unit == "N m" for p in location.parameters])
         reach = np.where(is_torque, np.minimum(reach, WIDEST * scales.missing[location.axis]), reach)
     low, high = np.array([(p.low, p.high) for p in location.parameters]).T
+    low = np.where(absences(location), -scales.friction[location.axis], low)
     if np.isfinite(scales.gravity):
         ends = {"gravity_torque": (-scales.gravity, np.inf), "gravity_angle": (-QUARTER, QUARTER)}
         least, most = np.array([ends.get(str(p.slot), (-np.inf, np.inf)) for p in location.parameters]).T
@@ -41,3 +42,9 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
         is_order = np.array([p.unit == "1/rev" for p in location.parameters])
         low = np.where(is_order, np.minimum(np.maximum(low, whole), high), low)
     return np.maximum(low, -reach), np.minimum(high, reach)
+
+
+def absences(location: Location) -> Mask:
+    """(p,) whether the low end of a parameter is the absence of the dry friction of the device file."""
+    dry = location.kind.dry
+    return np.array([dry and p.low < 0.0 and p.unit == "N m" for p in location.parameters], dtype=np.bool_)

@@ -9,6 +9,7 @@ import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.joint.layout import EXTERNAL, GOAL, POWER
+from via_sim.joint.parameters import P
 
 from via_gap.residual.inverse_dynamics import MissingTorque
 from via_gap.residual.nuisance import BOUND
@@ -39,6 +40,7 @@ class Scales:
     duration    [s]
     busy        intervals [s] that contain most of the residual
     gravity     [N m] largest gravity torque of the device file at the end of its tolerance; infinite without one
+    friction    (3,) [N m] dry friction of the device file at link, motor 1, motor 2
     orders      per axis: the strongest orders [periods per turn] of its missing torque
     """
 
@@ -55,6 +57,7 @@ class Scales:
     duration: float
     busy: tuple[tuple[float, float], ...]
     gravity: float
+    friction: Array
     orders: tuple[tuple[float, ...], ...]
 
 
@@ -104,7 +107,7 @@ def scales_of(
         torque, _largest(missing), speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
         np.quantile(q, [0.02, 0.1, 0.9, 0.98]), travel, max(deflection, 1e-3), max(stretch, 1e-3),
         max(each.log.duration for each in segments), _busiest(time, excess), gravity if gravity > 0.0 else np.inf,
-        tuple(orders),
+        segments[0].nominal[P.kinetic_friction : P.kinetic_friction + 3], tuple(orders),
     )  # fmt: skip
 
 

@@ -51,9 +51,9 @@ from via_gap.residual.record import Record
 _SLEWING = 0.98  # share of its speed limit above which a servo counts as limited
 
 # Columns of the result.
-_Columns = namedtuple("_Columns", "torque friction capacity angle velocity transmission")
-_C: Any = _Columns(0, 3, 6, 9, 12, 15)
-_N_COLUMNS = 17
+_Columns = namedtuple("_Columns", "torque friction forward backward angle velocity transmission")
+_C: Any = _Columns(0, 3, 6, 9, 12, 15, 18)
+_N_COLUMNS = 20
 
 # A record with the means of its commands, and the work memory of the walk along it: modes, inputs, state, motion.
 _Log = namedtuple("_Log", "time angle velocity late prompt")
@@ -66,8 +66,8 @@ class EquationTorques:
 
     torque        (N, 3) [N m] all torque except inertia times acceleration; of a servo [rad/s^2]
     friction      (N, 3) [N m] dry friction in `torque` as if the axis slipped; opposes positive motion
-    capacity      (N, 3) [N m] largest static friction (mean of both directions)
-    standing      (N, 3) whether the axis may be at rest: friction then is between -capacity and capacity
+    forward       (N, 3) [N m] largest static friction against positive motion; backward: against negative motion
+    standing      (N, 3) whether the axis may be at rest: friction then is between -backward and forward
     angle         (N, 3) [rad] with sensor effects undone
     velocity      (N, 3) [rad/s] likewise
     transmission  (N, 2) [N m] torque of each transmission; a torque sensor at the link measures their sum
@@ -76,7 +76,8 @@ class EquationTorques:
 
     torque: Array
     friction: Array
-    capacity: Array
+    forward: Array
+    backward: Array
     standing: Any
     angle: Array
     velocity: Array
@@ -194,7 +195,7 @@ def _load_motion(p: Array, log: _Log, n: int, width: float, work: _Work) -> None
 def _store_torques(
     p: Array, log: _Log, n: int, age: float, work: _Work, out: Array
 ) -> None:  # fmt: skip
-    """Torques at the motion and inputs of sample n into out (17,)."""
+    """Torques at the motion and inputs of sample n into out (_N_COLUMNS,)."""
     modes, u, x, late, last = work.modes, work.u, work.x, log.late[n], log.time.size - 1
     u[U.spring], u[U.spring + 1] = spring_factor(p, 0, age), spring_factor(p, 1, age)
     for i in range(2):
@@ -205,15 +206,14 @@ def _store_torques(
     torques = motive_torques(p, EVERYTHING, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
     for axis in range(3):
         kind, load = p[P.axis_kind + axis], torques[3 + axis]
-        friction = capacity = 0.0
+        friction = forward = backward = 0.0
         torque = nan
         if kind == DYNAMIC:
             if has_friction(p, axis):
                 counter = counter_torque(p, modes, u, axis, x[0], x[3])
                 before, after = log.velocity[max(n - 1, 0), axis], log.velocity[min(n + 1, last), axis]
                 friction = slipping_friction(p, axis, before, x[3 + axis], after, load, counter)
-                most = breakaway(p, axis, 1, load, counter)
-                capacity = 0.5 * (most + breakaway(p, axis, -1, load, counter))
+                forward, backward = breakaway(p, axis, 1, load, counter), breakaway(p, axis, -1, load, counter)
             torque = torques[axis] - viscous_friction(p, axis, u[DAMPING]) * x[3 + axis] - friction
         elif kind == SERVO:
             v, w = x[3 + axis], servo_bandwidth(p, axis - 1)
@@ -222,7 +222,7 @@ def _store_torques(
                 torque = 0.0
         out[_C.torque + axis] = torque
         out[_C.friction + axis] = friction
-        out[_C.capacity + axis] = capacity
+        out[_C.forward + axis], out[_C.backward + axis] = forward, backward
         out[_C.angle + axis] = x[axis] if kind != ABSENT else nan
         out[_C.velocity + axis] = x[3 + axis] if kind != ABSENT else nan
     for i in range(2):

@@ -189,8 +189,9 @@ class InverseDynamics:
         standing, friction = terms.standing[:, axis], terms.friction[:, axis]
         acting = terms.torque[:, axis] + np.where(standing, friction, 0.0)  # only friction of slip
         missing = terms.inertia[axis] * self.over(terms.angle[:, axis], 2) - self.over(acting, 0)
-        capacity = self.over(np.where(standing, terms.capacity[:, axis], 0.0), 0)
-        return np.sign(missing) * np.maximum(np.abs(missing) - capacity, 0.0)
+        sides = (terms.backward, terms.forward)
+        upwards, downwards = (self.over(np.where(standing, side[:, axis], 0.0), 0) for side in sides)
+        return missing - np.clip(missing, -np.maximum(downwards, 0.0), np.maximum(upwards, 0.0))
 
 
 @dataclass(frozen=True, eq=False)

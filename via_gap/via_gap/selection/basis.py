@@ -2,8 +2,9 @@
 
 Quadratic polynomials of angle, speed, deflection, motor speed and command, and their cubes; hat functions of each;
 softened signs of speeds at several widths, alone and times load; speed and its sign times hats of the link angle; play
-operators of several widths, for hysteresis; the lag of a drive behind commands; time. Linear combinations of them
-approximate most torques, whether or not the catalogue contains the effect.
+operators of several widths, for hysteresis; the lag of a drive behind commands; the fading integral of the error of a
+position drive; time. Linear combinations of them approximate most torques, whether or not the catalogue contains the
+effect.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 from via_core.signals import Array
+from via_sim.joint.layout import GOAL, POWER
 
 from via_gap.residual.segments import Segments
 
@@ -21,6 +23,7 @@ STEP = 0.004  # [s] over which the functions are constant
 SOFT = (0.02, 0.1, 0.5)  # [rad/s] widths of softened signs
 WAYS = (0.02, 0.1, 0.4)  # standard deviations: widths of plays
 LAGS = (0.01, 0.05)  # [s]
+MEMORIES = (0.3, 1.0, 3.0)  # [s] over which integrals of the error of a position drive fade
 KNOTS = 7  # of the hats over a quantity
 FINE = 25  # of those over the link angle, where a kink or a narrow bump is
 TIME_KNOTS = 10
@@ -84,14 +87,27 @@ class Basis:
         columns.append(_plays(z[:, angles]))
         for i in drives:
             for lag in LAGS:
-                keep = np.exp(-STEP / lag)
-                behind = lfilter([1.0 - keep], [1.0, -keep], z[:, i], zi=[keep * z[0, i]])[0]
-                columns.append((z[:, i] - behind)[:, None])
+                columns.append((z[:, i] - _faded(z[:, i], lag))[:, None])
+        columns += [_faded(_error(segments) / self.scale[0], memory)[:, None] for memory in MEMORIES]
         time = np.arange(len(z)) * ticks_of(segments) / segments.rate / self.duration
         columns += [_hats(time, np.linspace(0.0, 1.0, TIME_KNOTS)), time[:, None] * z]
         columns += [time[:, None] * np.tanh(raw[:, [i]] / SOFT[1]) for i in speeds]  # friction that warms up
         columns += [wave_values(segments, wave) for wave in self.waves]
         return np.hstack(columns)
+
+
+def _faded(values: Array, time: float) -> Array:
+    """(N,) values behind a lag of `time` [s]."""
+    keep = np.exp(-STEP / time)
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values, zi=[keep * values[0]])[0])
+
+
+def _error(segments: Segments) -> Array:
+    """(steps,) [rad] error of the goal of a position drive; 0 while it is off, and for other drives."""
+    every = ticks_of(segments)
+    state, command = segments.start[::every], segments.commands[::every]
+    on = command[:, POWER] * (segments.log.device.drive == "position")
+    return np.where(on > 0.0, command[:, GOAL] - state[:, 0], 0.0)
 
 
 def wave_values(segments: Segments, wave: Wave) -> Array:

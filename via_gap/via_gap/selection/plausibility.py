@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import chi2
 from via_core.signals import Array
 
-from via_gap.candidates.bounds import bounds_of
+from via_gap.candidates.bounds import absences, bounds_of
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
@@ -42,7 +42,8 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
         neutral = np.array([p.neutral for p in parameters])
         low, high = bounds_of(location, scales)
         edge = EDGE * np.array([size_of(p, location, scales) for p in parameters])
-        at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral))
+        absent = absences(location) & (low == -scales.friction[location.axis])
+        at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral) & ~absent)
         # At an end it is a simpler effect: another one, itself without an optional parameter, or a part of a period,
         # which is any function of the angle.
         if location.kind.whole_period:
@@ -59,6 +60,11 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
             size, slopes = _size(location, values, neutral, which)
             if _distance(fit, own, size, slopes) < chi2.ppf(1.0 - NUMBERS.significance, len(size)):
                 return f"{location}: its size is consistent with zero"
+            apart = _differences(location, len(parameters))
+            if len(apart) and _distance(fit, own, apart @ values, apart) < chi2.ppf(
+                1.0 - NUMBERS.significance, len(apart)
+            ):
+                return f"{location}: is consistent with {location.plainest}"
     return ""
 
 
@@ -76,6 +82,12 @@ def _distance(fit: Fit, own: slice, size: Array, slopes: Array) -> float:
         normal, gradient = moved.T @ information @ moved, moved.T @ information @ size
         size = size - moved @ descend(normal, gradient, np.zeros(len(end)), -end, end)
     return float(size @ information @ size)
+
+
+def _differences(location: Location, count: int) -> Array:
+    """(k, p) differences of `count` parameters that are zero in the simpler effect, whose value is their mean."""
+    alike = location.kind.contains[1] if location.kind.contains else ()
+    return np.eye(count)[list(alike[1:])] - np.eye(count)[list(alike[:1] * max(len(alike) - 1, 0))]
 
 
 def _orders(location: Location, values: Array) -> list[int]:

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+from via_core.errors import ParameterError
+
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Spot, Values
 from via_sim.catalogue.starts import one, tenth
 
 
+def add_dry(spot: Spot, mean: float, least: float) -> None:
+    """Add `mean` [N m] to the dry friction; refuse friction that would drive the axis in the direction of `least`."""
+    left = spot["kinetic_friction"] + least
+    if left < 0.0:
+        raise ParameterError(f"torque {least} leaves {left:.6g} N m of dry friction, must be >= 0")
+    spot["breakaway_friction"] += mean
+    spot["kinetic_friction"] += mean
+
+
 def _write(spot: Spot, value: Values) -> None:
-    spot["breakaway_friction"] += value["torque"]
-    spot["kinetic_friction"] += value["torque"]
+    add_dry(spot, value["torque"], value["torque"])
 
 
 KIND = EffectKind(
     name="coulomb_friction",
-    text="dry friction of constant magnitude; the axis sticks while the torque on it is smaller",
+    text="dry friction of constant magnitude, beside that of the device file; the axis sticks while less torque acts",
     term="-torque s",
     confused_with="viscous_friction, quadratic_drag: several speeds",
     sites=("motor", "link"),
     needs_torque_drive=True,
-    parameters=(EffectParameter("torque", "N m", 0.0, 1e6, 0.0, "breakaway and kinetic friction", True),),
+    parameters=(EffectParameter("torque", "N m", -1e6, 1e6, 0.0, "added to breakaway and kinetic friction", True),),
     write=_write,
     starts=one(torque=tenth),
     adds=True,
