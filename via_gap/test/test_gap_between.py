@@ -80,6 +80,8 @@ def test_lines_act_late_and_pass_the_samples():
     assert "4 ms" in lines_finding(in_lines(log, 0.002)).text
     # Lines as late as steps of 10 ms are no sign of commands between the samples.
     assert "no command is missing" in lines_finding(in_lines(log, 0.0045)).text
+    at_once = lines_finding(in_lines(log, 3e-6)).text
+    assert "linear interpolation explains" in at_once and "ms" not in at_once
 
 
 def test_a_step_is_what_a_difference_shares_with_neither_neighbour():

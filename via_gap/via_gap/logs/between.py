@@ -20,6 +20,7 @@ from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog
 
 OUTLYING = 3.0  # times the usual size
+AT_ONCE = 0.01  # sampling periods: shorter delays are not mentioned
 RATE = 1000.0  # [Hz] of the steps that approximate a line in a free simulation
 # Standard deviations of the mean delay of commands, in periods of the log, where the motion does not show it. Lines act
 # late by half the period of the controller, any number from 0 to a half. Steps that stand for many commands act late by
@@ -92,7 +93,9 @@ def along(time: Array, known: Array, values: Array) -> Array:
 def lines_finding(log: JointLog) -> Finding:
     """The finding on a log that interpolated commands explain better."""
     late = log.lined or 0.0
-    better = f"linear interpolation, {1e3 * late:.2g} ms late, explains the motion clearly better than steps"
+    late *= late >= AT_ONCE * period_of(log)
+    delay = f", {1e3 * late:.2g} ms late," if late > 0.0 else ""
+    better = f"linear interpolation{delay} explains the motion clearly better than steps"
     if late > 0.0 and round(period_of(log) / (2.0 * late)) == 1:  # no command lies between two samples
         text = (
             f"{better} and is as late as steps at the rate of the log: no command is missing; interpolation averages "
