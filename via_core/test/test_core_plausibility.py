@@ -199,10 +199,26 @@ def test_a_recording_of_a_rigid_link_proves_wrong_signs_and_units(change, words)
     assert found is not None and words in found.fault.text and found.fault.proven
 
 
+def held():
+    """A person pushes the pendulum six times against its drive, a weak spring and damper."""
+    link, angle, speed = PENDULUM.link, 0.0, 0.0
+    time, motion = np.arange(10_000) * PERIOD, []
+    slips = PERIOD * link.coulomb_friction / link.inertia
+    for t in time:
+        hand = 1.7 * np.sign(np.sin(2.0 * np.pi * t / 6.0)) * (t % 3.0 > 0.9)
+        motion.append((angle, -0.7 * angle - 0.07 * speed))
+        torque = motion[-1][1] + hand - link.gravity_torque * np.sin(angle) - link.viscous_friction * speed
+        free = speed + PERIOD * torque / link.inertia
+        speed = np.sign(free) * max(abs(free) - slips, 0.0)
+        angle += PERIOD * speed
+    q, tau = np.array(motion).T
+    return Samples(time, q, np.empty((len(time), 0)), tau[:, None])
+
+
 @pytest.mark.parametrize(
     "sound",
-    [swung(weight=4.0), swung(pushed=10.0), swung()._replace(torque=np.zeros((len(MOTION), 1)))],
-    ids=["payload", "pushed", "moved by its neighbour"],
+    [swung(weight=4.0), swung(pushed=10.0), swung()._replace(torque=np.zeros((len(MOTION), 1))), held()],
+    ids=["payload", "pushed", "moved by its neighbour", "moved by hand"],
 )
 def test_what_loads_a_rigid_link_is_no_fault_of_its_signals(sound):
     assert recorded_equations(PENDULUM)[0].share(sound.between(0.9, 1.9)).impossible

@@ -116,7 +116,7 @@ def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
 
 
 def _undone(device: Device, samples: Samples, equations: Sequence[Equation], before: Sequence[Share]) -> Fault | None:
-    """The fault without which least of the recording is unexplained, if that is at most HALF as much.
+    """The fault without which the recording is sound and least of it unexplained, if that is at most HALF as much.
 
     before  shares of the recording as it is, per interval. An interval that is unknown after a change, as torques
             below their noise are, counts as before. What a load explains without a change proves no fault.
@@ -131,7 +131,8 @@ def _undone(device: Device, samples: Samples, equations: Sequence[Equation], bef
         changed = [each.with_unit(unit) for each in equations]  # else a motion of a few steps would count as rest
         after = [worst([each.share(interval) for each in changed]) for _, _, interval in intervals]
         left = _pooled([new if new.known else old for old, new in zip(before, after, strict=True)])
-        if left < best * whole:
+        sound = sum(each.impossible for each in after) <= (1.0 - FEW) * sum(each.known for each in after)
+        if sound and left < best * whole:
             best, proven = left / whole, fault._replace(proven=True)
     return proven
 
