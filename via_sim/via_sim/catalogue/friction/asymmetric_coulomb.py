@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from via_sim.catalogue.friction.coulomb_friction import add_dry
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot, Spot, Values
 from via_sim.catalogue.starts import each, tenth
 
 
 def _write(spot: Spot, value: Values) -> None:
-    least = min(value["forward"], value["backward"]) - abs(spot["friction_asymmetry"])
-    add_dry(spot, 0.5 * (value["forward"] + value["backward"]), least)
+    mean = 0.5 * (value["forward"] + value["backward"])
+    spot["breakaway_friction"] += mean
+    spot["kinetic_friction"] += mean
     spot["friction_asymmetry"] += 0.5 * (value["forward"] - value["backward"])
 
 
@@ -21,8 +21,8 @@ KIND = EffectKind(
     sites=("motor", "link"),
     needs_torque_drive=True,
     parameters=(
-        EffectParameter("forward", "N m", -1e6, 1e6, 0.0, "added while the angle increases", True),
-        EffectParameter("backward", "N m", -1e6, 1e6, 0.0, "added while the angle decreases", True),
+        EffectParameter("forward", "N m", 0.0, 1e6, 0.0, "friction while the angle increases", True),
+        EffectParameter("backward", "N m", 0.0, 1e6, 0.0, "friction while the angle decreases", True),
     ),
     slots=(Slot("friction_asymmetry", "N m", "half the difference of forward and backward dry friction", 3),),
     write=_write,

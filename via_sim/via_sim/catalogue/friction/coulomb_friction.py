@@ -8,17 +8,12 @@ from via_sim.catalogue.kinds import EffectKind, EffectParameter, Spot, Values
 from via_sim.catalogue.starts import one, tenth
 
 
-def add_dry(spot: Spot, mean: float, least: float) -> None:
-    """Add `mean` [N m] to the dry friction; refuse friction that would drive the axis in the direction of `least`."""
-    left = spot["kinetic_friction"] + least
-    if left < 0.0:
-        raise ParameterError(f"torque {least} leaves {left:.6g} N m of dry friction, must be >= 0")
-    spot["breakaway_friction"] += mean
-    spot["kinetic_friction"] += mean
-
-
 def _write(spot: Spot, value: Values) -> None:
-    add_dry(spot, value["torque"], value["torque"])
+    left = spot["kinetic_friction"] + value["torque"]
+    if left < 0.0:
+        raise ParameterError(f"torque {value['torque']} leaves {left:.6g} N m of dry friction, must be >= 0")
+    spot["breakaway_friction"] += value["torque"]
+    spot["kinetic_friction"] += value["torque"]
 
 
 KIND = EffectKind(
