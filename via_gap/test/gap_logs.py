@@ -34,6 +34,17 @@ arrangement: rigid
 link: {inertia: 0.04, viscous_friction: 0.1, gravity_torque: 1.0}
 sensors: {rate: 500.0, link_quantum: 9.587e-5}
 """
+POSITIONED = """
+name: joint
+title: rigid test joint with a position drive
+source: [made for a test]
+confidence: assumed
+arrangement: rigid
+drive: position
+link: {inertia: 0.04, viscous_friction: 0.1, gravity_torque: 1.0}
+servo: {kp: 12.0, kd: 0.4, torque_limit: 4.0, delay: 0.0073}
+sensors: {rate: 500.0, link_quantum: 9.587e-5}
+"""
 HELD = frozenset({"equilibrium", "preset", "damping"})
 
 
@@ -43,6 +54,10 @@ def flexible() -> Device:
 
 def rigid() -> Device:
     return parse_device(RIGID, "rigid")
+
+
+def positioned() -> Device:
+    return parse_device(POSITIONED, "positioned")
 
 
 def servo() -> Device:

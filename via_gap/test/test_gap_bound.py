@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_logs import flexible as joint
-from gap_logs import log_of, rigid, servo
-from via_core.devices import parse_device
+from gap_logs import log_of, positioned, rigid, servo
 from via_core.signals import Signals
 from via_gap.candidates.fit import Fit, fit_device_parameters
 from via_gap.logs.log import JointLog
@@ -23,17 +22,6 @@ from via_sim.joint.layout import GOAL
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate
 
-POSITIONED = """
-name: joint
-title: rigid test joint with a position drive
-source: [made for a test]
-confidence: assumed
-arrangement: rigid
-drive: position
-link: {inertia: 0.04, viscous_friction: 0.1, gravity_torque: 1.0}
-servo: {kp: 12.0, kd: 0.4}
-sensors: {rate: 500.0, link_quantum: 9.587e-5}
-"""
 DRAG = Effect("quadratic_drag", "link", {"coefficient": 0.01})
 
 
@@ -125,7 +113,7 @@ def test_friction_that_differs_along_the_way_is_in_reach(friction):
 
 def test_the_integral_of_the_error_of_a_position_drive_is_in_reach():
     """Integral action is outside the catalogue: without it in reach, what imitates a part of it would be its cause."""
-    device = parse_device(POSITIONED, "positioned")
+    device = positioned()
     time = np.arange(10_000) / 500.0
     goal = 0.8 * np.sign(np.sin(2.0 * time)) + 0.3 * np.sin(0.7 * time)
     commands = Signals(time, {"equilibrium": goal}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))

@@ -4,8 +4,7 @@ from math import exp
 
 import numpy as np
 import pytest
-from gap_logs import flexible, log_of
-from via_core.devices import parse_device
+from gap_logs import flexible, log_of, positioned
 from via_core.signals import Signals
 from via_gap.residual.memory import goals_along, torques_along, with_memory
 from via_gap.residual.residual_model import ResidualModel
@@ -59,17 +58,6 @@ def test_shots_cut_out_of_a_log_know_what_was_held_before_them(effect):
     assert np.median(few.per_segment(few.residual([few.row(())])[0])) > 10.0
 
 
-POSITIONED = """
-name: joint
-title: rigid test joint with a position drive
-source: [made for a test]
-confidence: assumed
-arrangement: rigid
-drive: position
-link: {inertia: 0.04, viscous_friction: 0.1, gravity_torque: 1.0}
-servo: {kp: 12.0, kd: 0.4, torque_limit: 4.0, delay: 0.0073}
-sensors: {rate: 500.0, link_quantum: 9.587e-5}
-"""
 SLOW = Effect("speed_limit", "command", {"limit": 0.6})
 LAG = Effect("actuator_lag", "command", {"time_constant": 0.2})
 
@@ -77,7 +65,7 @@ LAG = Effect("actuator_lag", "command", {"time_constant": 0.2})
 @pytest.mark.parametrize("effects", [(SLOW,), (LAG,), (SLOW, LAG)], ids=str)
 def test_a_goal_is_as_far_behind_as_in_the_simulator(effects):
     """Through a interval in which the drive is off, at ticks in any order."""
-    device = parse_device(POSITIONED, "positioned")
+    device = positioned()
     time = np.arange(2000) / 500.0
     goal = 0.8 * np.sin(2.0 * time) + 0.2 * np.sign(np.sin(5.0 * time))
     goal[700:760] = np.nan
