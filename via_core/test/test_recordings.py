@@ -430,6 +430,7 @@ def test_a_missing_ignored_column_is_no_error_and_a_foreign_header_says_what_to_
         ("a.csv", b"", "is empty"),
         ("a.csv", b"t,q\n0,1,2\n", "line 2 has 3 columns, its header 2"),
         ("a.csv", b"t,q\n0,1\n# start\n1,2\n2\n", "line 5 has 1 columns, its header 2"),
+        ("a.csv", b"q" * 200_000, "a.csv: the header cannot be read: field larger than"),
         ("a.csv", b"\xff\xfe", "not UTF-8"),
         ("a.csv", "Zeit,Winkel [\u00b0]\n0,1\n".encode("latin-1"), "iconv -f latin1 -t utf-8 .*a.csv > .*a_utf8.csv"),
         ("a.bag", b"#ROSBAG V2.0\n", "is a bag of ROS 1; convert it: rosbags-convert --src .*a.bag --dst .*a$"),

@@ -50,9 +50,9 @@ def _head(path: Path, delimiter: str | None) -> _Head:
     found = delimiter or max(",;\t", key=line.count)
     if delimiter is None and found not in line and " " in line.strip():
         found = " "
-    cells = _split(line, found)
+    cells = _split(line, found, path)
     if not all(_NUMBER.fullmatch(cell) for cell in cells):
-        units = [cell.strip("[]()") for cell in _split(below, found)]
+        units = [cell.strip("[]()") for cell in _split(below, found, path)]
         if len(units) == len(cells) and any(units) and all(not unit or is_unit(unit) for unit in units):
             named = [f"{name} [{unit}]" if unit else name for name, unit in zip(cells, units, strict=True)]
             return _Head(named, skipped + 2, found)
@@ -63,10 +63,13 @@ def _head(path: Path, delimiter: str | None) -> _Head:
     return _Head(names, skipped, found)
 
 
-def _split(line: str, delimiter: str) -> list[str]:
+def _split(line: str, delimiter: str, path: Path) -> list[str]:
     """The cells of a line; quoted ones may contain the delimiter."""
     text = line.strip("\r\n")
-    cells = text.split() if delimiter == " " else next(csv.reader([text], delimiter=delimiter), [""])
+    try:
+        cells = text.split() if delimiter == " " else next(csv.reader([text], delimiter=delimiter), [""])
+    except csv.Error as error:
+        raise SignalError(f"{path.name}: the header cannot be read: {error}") from None
     return [cell.strip() for cell in cells]
 
 
