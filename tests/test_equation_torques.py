@@ -148,7 +148,7 @@ def test_selected_samples_equal_those_of_the_whole_record(name):
     record = recorded(nominal, commands(joint))
     row, wanted = nominal.with_effects([effect]).parameters, np.r_[700:760, 2000:2300, 3999]
     whole, some = equation_torques(row, record), equation_torques(row, record, wanted)
-    for field in ("torque", "friction", "capacity", "standing", "angle", "velocity", "transmission"):
+    for field in ("torque", "friction", "forward", "backward", "standing", "angle", "velocity", "transmission"):
         assert np.array_equal(getattr(some, field), getattr(whole, field)[wanted], equal_nan=field != "standing"), field
 
 

@@ -12,8 +12,8 @@ HUGE = "1" + "0" * 400  # a whole number beyond all floats
     [
         ("motor: 1.0, parameters: {torque: 0.1}", "motor: must be 1, 2 or 0 (both), got 1.0"),
         ("motor: true, parameters: {torque: 0.1}", "motor: must be 1, 2 or 0 (both), got True"),
-        (f"motor: 1, parameters: {{torque: {HUGE}}}", "torque: must be 0 to 1e+06 N m"),
-        (f"motor: 1, parameters: {{torque: -{HUGE}}}", "torque: must be 0 to 1e+06 N m"),
+        (f"motor: 1, parameters: {{torque: {HUGE}}}", "torque: must be -1e+06 to 1e+06 N m"),
+        (f"motor: 1, parameters: {{torque: -{HUGE}}}", "torque: must be -1e+06 to 1e+06 N m"),
         ("motor: 1, parameters: {torque: .nan}", "torque: must be a finite number"),
         ("motor: 1, parameters: {torque: -.inf}", "torque: must be a finite number"),
         ("motor: 1, parameters: {torque: true}", "torque: must be a finite number"),

@@ -284,6 +284,8 @@ def test_states_stay_finite_for_random_joints_effects_and_commands(
             number += 1
         if kind.name == "external_torque":
             values["stop"] += values["start"]
+        if kind.name == "coulomb_friction":  # less than none is refused
+            values["torque"] = abs(values["torque"])
         if kind.name == "gear_error":  # steeper ones are refused
             values["amplitude"] /= 1.0 + values["order"]
         chosen.append(Effect(kind.name, kind.sites[0], values, 1 if kind.sites[0] in ("motor", "transmission") else 0))

@@ -114,10 +114,7 @@ class Topic:
 
     @cached_property
     def stamp(self) -> Integers:
-        """Header stamps [ns]; log times where no message of the topic has a stamp, and for messages too short for one.
-
-        Stamps are absent in types without a header, and where the publisher never set them.
-        """
+        """Header stamps [ns]; log times for types without a header, unset stamps, and messages too short for one."""
         if not self._has_header:
             return self.log_time
         length, stamp = self.messages["length"], self.log_time.copy()

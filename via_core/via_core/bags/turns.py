@@ -1,8 +1,8 @@
 """Continuous angles from encoders that start again after each turn, and goals beside them.
 
 Such an encoder measures angles within one turn P, and at its end jumps by P less the motion of one sample. A jump
-counts as this end when the remaining motion, jump - P, is at most twice the largest step without a jump (the motion can
-be fastest at the end of the turn); other jumps, such as zeros of a lost encoder, stay for the checks that report them.
+counts as this end when the remaining motion, jump - P, is at most 1.5 times the largest step without a jump (the motion
+can be fastest at the end of the turn). Other jumps, as zeros of a lost encoder, stay for the checks that report them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from via_core.signals import Array, Signals
 
 ROUNDED = 1e-3  # [-] share of a turn by which rounded angles may exceed it
-FASTER = 2.0  # [-] largest step over the end of a turn, in largest other steps
+FASTER = 1.5  # [-] largest step over the end of a turn, in largest other steps
 GOALS = {"q": "equilibrium", "theta": "motor"}  # angle -> its goal
 
 

@@ -24,8 +24,6 @@ from math import ceil
 import numpy as np
 from via_core.signals import Array, Indices
 from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
-from via_sim.joint.compiled import compiled
-from via_sim.joint.encoders import true_motion
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 
@@ -35,6 +33,7 @@ from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, write_history
 from via_gap.residual.segments import START, Segments, binned
 from via_gap.residual.torque_noise import noise_pulses
+from via_gap.residual.true_starts import correct
 from via_gap.residual.unseen import UnseenMotors
 
 HUGE = 1e6  # in place of an overflow
@@ -310,7 +309,7 @@ class Rollout:
     def _starts(self, rows: Array, ticks: Indices) -> Array:
         """True angles and velocities (n, 6) at ticks: the measured ones without the encoder errors of each row."""
         found = self.segments.start[ticks]
-        _correct(rows, self.segments.start, ticks, np.array(self.segments.axes), self.segments.rate, found)
+        correct(rows, self.segments.start, ticks, np.array(self.segments.axes), self.segments.rate, found)
         return found
 
     def _unseen_noise(self) -> dict[int, Array]:
@@ -380,22 +379,6 @@ class Rollout:
         """Errors (K, C, b a) without the part that uncertain starts explain."""
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, error)
         return error - np.einsum("crk,Kck->Kcr", self.basis, along)
-
-
-@compiled
-def _correct(rows: Array, start: Array, ticks: Array, axes: Array, rate: float, found: Array) -> None:
-    """Remove skew and encoder errors of rows (n, .) at ticks (n,) of `start` (T, 6) from the axes of `found` (n, 6)."""
-    last = len(start) - 1
-    for n in range(len(ticks)):
-        for axis in axes:
-            skew = rows[n, P.skew + axis] * rate
-            if skew != 0.0:
-                at = min(ticks[n] + skew, float(last))
-                low = int(at)
-                share, high = at - low, min(low + 1, last)
-                for place in (axis, 3 + axis):
-                    found[n, place] = (1.0 - share) * start[low, place] + share * start[high, place]
-            found[n, axis], found[n, 3 + axis] = true_motion(rows[n], axis, found[n, axis], found[n, 3 + axis])
 
 
 def residuals(rollouts: Sequence[Rollout], rows: Sequence[Array]) -> list[Array]:

@@ -1,0 +1,24 @@
+"""Measured motion at the start of segments without the encoder errors of each parameter row."""
+
+from __future__ import annotations
+
+from via_core.signals import Array
+from via_sim.joint.compiled import compiled
+from via_sim.joint.encoders import true_motion
+from via_sim.joint.parameters import P
+
+
+@compiled
+def correct(rows: Array, start: Array, ticks: Array, axes: Array, rate: float, found: Array) -> None:
+    """Remove skew and encoder errors of rows (n, .) at ticks (n,) of `start` (T, 6) from the axes of `found` (n, 6)."""
+    last = len(start) - 1
+    for n in range(len(ticks)):
+        for axis in axes:
+            skew = rows[n, P.skew + axis] * rate
+            if skew != 0.0:
+                at = min(ticks[n] + skew, float(last))
+                low = int(at)
+                share, high = at - low, min(low + 1, last)
+                for place in (axis, 3 + axis):
+                    found[n, place] = (1.0 - share) * start[low, place] + share * start[high, place]
+            found[n, axis], found[n, 3 + axis] = true_motion(rows[n], axis, found[n, axis], found[n, 3 + axis])
