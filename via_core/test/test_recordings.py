@@ -464,7 +464,7 @@ def test_numbers_name_the_cell_that_is_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "below"),
     [
-        (["time", "position", "torque"], "s, deg, mNm\n0,N/A,1000\n# a comment\n0.5,90,-\n"),
+        (["time", "position", "torque"], "s, deg, mNm\n0,Nan,1000\n# a comment\n0.5,90,-\n"),
         (['"time [s]"', '"position [deg]"', '"torque [mNm]"'], "0,,1000\n0.5,90,NULL\n"),
         (["time", "position", "torque"], "[s];[deg];[mNm]\n0,0;None;1000\n0,5;90;null\n"),
     ],

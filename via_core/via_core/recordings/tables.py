@@ -78,7 +78,8 @@ def numbers(frame: DataFrame, column: str) -> Array:
     values = frame[column]
     if values.dtype.kind not in "OTUS":
         return np.asarray(values, dtype=np.float64)
-    texts = values.where(~values.astype(str).str.strip().isin(MISSING))
+    cells = values.astype(str).str.strip().str.lower()
+    texts = values.where(~cells.isin([each.lower() for each in MISSING]))
     made = pandas.to_numeric(texts, errors="coerce")
     wrong = np.flatnonzero(made.isna() & texts.notna())
     if len(wrong):

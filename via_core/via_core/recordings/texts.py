@@ -16,7 +16,19 @@ from via_core.recordings.units import is_unit
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-MISSING = ("", "nan", "NaN", "NAN", "N/A", "n/a", "NA", "NULL", "null", "None", "-")  # cells without a value
+MISSING = (
+    "",
+    "nan",
+    "NaN",
+    "NAN",
+    "N/A",
+    "n/a",
+    "NA",
+    "NULL",
+    "null",
+    "None",
+    "-",
+)  # cells without a value, in any case
 _NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?|nan|NaN|")
 
 

@@ -18,7 +18,8 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
     """Lowest and highest value (p,) of every parameter; torques and inertias at most WIDEST times the typical size.
 
     Dry friction is also at most WIDEST times the largest missing torque of its axis: the larger a static friction is,
-    the more errors near standstill lie below it, so that the equations alone do not limit it. It can be absent.
+    the more errors near standstill lie below it, so that the equations alone do not limit it.
+    That of the device file can be absent, but not drive the axis.
 
     Gravity can be absent, with the tolerance of the device file, but not reversed: that is an angle with another
     zero, or a drive that does more than its model.

@@ -74,7 +74,7 @@ class Basis:
         """(steps, K) along a log, each constant over `ticks_of` ticks."""
         raw, speeds, angles, drives = _quantities(segments, self.moving)
         z = np.clip((raw - self.mean) / self.scale, -FAR, FAR)
-        count = z.shape[1]
+        count, step = z.shape[1], ticks_of(segments) / segments.rate
         first, second = np.triu_indices(count)
         columns = [np.ones((len(z), 1)), z, z[:, first] * z[:, second], z**3]
         columns += [_hats(raw[:, i], self.knots[i]) for i in range(1, count)]
@@ -87,8 +87,10 @@ class Basis:
         columns.append(_plays(z[:, angles]))
         for i in drives:
             for lag in LAGS:
-                columns.append((z[:, i] - _faded(z[:, i], lag))[:, None])
-        columns += [_faded(_error(segments) / self.scale[0], memory)[:, None] for memory in MEMORIES]
+                columns.append((z[:, i] - _faded(z[:, i], step / lag))[:, None])
+        if GOAL in self.moving and segments.log.device.drive == "position":
+            error = _error(segments) / self.scale[0]
+            columns += [_faded(error, step / memory)[:, None] for memory in MEMORIES]
         time = np.arange(len(z)) * ticks_of(segments) / segments.rate / self.duration
         columns += [_hats(time, np.linspace(0.0, 1.0, TIME_KNOTS)), time[:, None] * z]
         columns += [time[:, None] * np.tanh(raw[:, [i]] / SOFT[1]) for i in speeds]  # friction that warms up
@@ -96,18 +98,17 @@ class Basis:
         return np.hstack(columns)
 
 
-def _faded(values: Array, time: float) -> Array:
-    """(N,) values behind a lag of `time` [s]."""
-    keep = np.exp(-STEP / time)
+def _faded(values: Array, share: float) -> Array:
+    """(N,) values behind a lag; `share` of its time constant passes between two of them."""
+    keep = np.exp(-share)
     return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values, zi=[keep * values[0]])[0])
 
 
 def _error(segments: Segments) -> Array:
-    """(steps,) [rad] error of the goal of a position drive; 0 while it is off, and for other drives."""
+    """(steps,) [rad] error of the goal of a position drive; 0 while it is off."""
     every = ticks_of(segments)
     state, command = segments.start[::every], segments.commands[::every]
-    on = command[:, POWER] * (segments.log.device.drive == "position")
-    return np.where(on > 0.0, command[:, GOAL] - state[:, 0], 0.0)
+    return np.where(command[:, POWER] > 0.0, command[:, GOAL] - state[:, 0], 0.0)
 
 
 def wave_values(segments: Segments, wave: Wave) -> Array:

@@ -58,14 +58,17 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
             return f"{location}: is absent"
         if significant:
             size, slopes = _size(location, values, neutral, which)
-            if _distance(fit, own, size, slopes) < chi2.ppf(1.0 - NUMBERS.significance, len(size)):
+            if _may_be_zero(fit, own, size, slopes):
                 return f"{location}: its size is consistent with zero"
             apart = _differences(location, len(parameters))
-            if len(apart) and _distance(fit, own, apart @ values, apart) < chi2.ppf(
-                1.0 - NUMBERS.significance, len(apart)
-            ):
+            if len(apart) and _may_be_zero(fit, own, apart @ values, apart):
                 return f"{location}: is consistent with {location.plainest}"
     return ""
+
+
+def _may_be_zero(fit: Fit, own: slice, size: Array, slopes: Array) -> bool:
+    """Whether a size (k,) with slopes (k, p) is not significant."""
+    return _distance(fit, own, size, slopes) < float(chi2.ppf(1.0 - NUMBERS.significance, len(size)))
 
 
 def _distance(fit: Fit, own: slice, size: Array, slopes: Array) -> float:
