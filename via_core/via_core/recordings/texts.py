@@ -28,7 +28,7 @@ MISSING = (
     "null",
     "None",
     "-",
-)  # cells without a value, in any case
+)  # cells without a value
 _NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?|nan|NaN|")
 
 
