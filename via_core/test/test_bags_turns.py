@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from via_core.bags.inspection import check
 from via_core.bags.turns import continuous, unrolled
+from via_core.device_parts import WireColumn
 from via_core.devices import parse_device
 from via_core.recordings.channels import read_joint
 from via_core.signals import Array, Signals
@@ -68,6 +69,14 @@ def test_goals_of_a_continuous_angle_stay() -> None:
     measured = Signals(TIME, {"q": np.clip(2.0 * (TIME - 5.0), -3.0, 3.0)}, {"q": "rad"})
     commands = Signals(TIME, {"equilibrium": goal}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
     assert continuous(measured, commands) == (measured, commands, {})
+
+
+@pytest.mark.parametrize(
+    ("entry", "turn"),
+    [({}, tau), ({"unit": "deg"}, tau), ({"unit": "deg", "scale": -0.04}, 0.04 * tau), ({"scale": pi / 180.0}, tau)],
+)
+def test_a_scale_is_a_gear_only_beside_a_unit(entry: dict[str, object], turn: float) -> None:
+    assert WireColumn(column="a", **entry).turn == pytest.approx(turn)  # type: ignore[arg-type]
 
 
 def test_a_table_is_read_continuously_and_the_check_says_so(tmp_path: Path) -> None:

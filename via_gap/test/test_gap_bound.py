@@ -12,7 +12,7 @@ from via_gap.logs.log import JointLog
 from via_gap.residual.errors import Errors, free_errors
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments, cut_log
-from via_gap.selection.basis import Basis, ticks_of
+from via_gap.selection.basis import MEMORIES, Basis, ticks_of
 from via_gap.selection.bound import Flexible, flexible, solved
 from via_gap.selection.evidence import evaluate
 from via_gap.selection.gap import _gap
@@ -111,14 +111,33 @@ def test_friction_that_differs_along_the_way_is_in_reach(friction):
     assert np.std(left[~known]) < 0.3 * np.std(torque[~known])
 
 
-def test_the_integral_of_the_error_of_a_position_drive_is_in_reach():
-    """Integral action is outside the catalogue: without it in reach, what imitates a part of it would be its cause."""
+def goals_log(rate: float = 500.0) -> JointLog:
     device = positioned()
-    time = np.arange(10_000) / 500.0
+    device = device.model_copy(update={"sensors": device.sensors.model_copy(update={"rate": rate})})
+    time = np.arange(round(20.0 * rate)) / rate
     goal = 0.8 * np.sign(np.sin(2.0 * time)) + 0.3 * np.sin(0.7 * time)
     commands = Signals(time, {"equilibrium": goal}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
-    run = simulate(JointPlant.from_device(device), commands, 20.0, 500.0)
-    segments = cut_log(JointLog("run", device, run.measured.select(["q"]), commands))
+    run = simulate(JointPlant.from_device(device), commands, 20.0, rate)
+    return JointLog("run", device, run.measured.select(["q"]), commands)
+
+
+@pytest.mark.parametrize("memory", MEMORIES)
+@pytest.mark.parametrize("rate", [500.0, 190.0])
+def test_an_integral_fades_over_the_same_time_at_any_rate(memory, rate):
+    segments = cut_log(goals_log(rate))
+    basis, every = Basis.of([segments]), ticks_of(segments)
+    step = every / segments.rate
+    error = (segments.commands[:, GOAL] - segments.start[:, 0])[::every] / basis.scale[0]
+    expected = [error[0]]
+    for each in error[1:]:
+        expected.append(expected[-1] + (each - expected[-1]) * -np.expm1(-step / memory))
+    off = np.abs(basis.values(segments) - np.array(expected)[:, None]).max(axis=0)
+    assert np.count_nonzero(off < 1e-9) == 1
+
+
+def test_the_integral_of_the_error_of_a_position_drive_is_in_reach():
+    """Integral action is outside the catalogue: without it in reach, what imitates a part of it would be its cause."""
+    segments = cut_log(goals_log())
     values, every = Basis.of([segments]).values(segments), ticks_of(segments)
     error = (segments.commands[:, GOAL] - segments.start[:, 0])[::every]
     torque = np.cumsum(error) * every / segments.rate

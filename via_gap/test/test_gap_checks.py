@@ -1,5 +1,7 @@
 """The data check: each trouble planted alone is found, named and weighed; a clean log passes without a word."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of
@@ -39,6 +41,12 @@ def test_a_link_angle_that_never_changes_is_refused(clean):
 def test_a_log_without_any_drive_is_refused(clean):
     bare = Signals(clean.measured.time, {"q": clean.measured["q"]}, {"q": "rad"})
     assert findings(JointLog("bare", clean.device, bare, None))["drive"] == "refuse"
+
+
+def test_an_angle_that_starts_again_after_each_turn_is_mentioned(clean):
+    (found,) = check_log(replace(clean, passed={"q": 3}))
+    assert (found.check, found.signal, found.severity, found.value) == ("turn", "q", "note", 3.0)
+    assert found.text == "the angle starts again after a turn, 3 times; read as continuous"
 
 
 def test_single_samples_that_jump_are_outliers(clean):
