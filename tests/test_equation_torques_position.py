@@ -39,11 +39,11 @@ def residuals(servo, effects) -> tuple[float, float]:
 
 
 def impact(servo, effects) -> float:
-    """[N m] that the equation may miss where a drive whose limit includes its damping runs against a damped wall.
+    """[N m] that the equation may miss where a drive whose limit includes its damping, or with integral, hits a wall.
 
     It runs fast, and the wall's damping acts at once: half the jump, with at most a sample's largest weight.
     """
-    if "sum" not in servo or effects[0].name != "contact":
+    if ("sum" not in servo and "ki" not in servo) or effects[0].name != "contact":
         return 0.0
     plant = JointPlant.from_device(positioned(GRAVITY, servo)).with_effects(effects)
     speed = np.abs(simulate(plant, goals(wave(3000)), 2.999, RATE).truth["q_velocity"]).max()
@@ -87,3 +87,11 @@ def test_equations_balance_while_the_drive_is_off() -> None:
     velocity[:, 0] = seen["q_velocity"]
     record = of_commands(device, seen, velocity, goals(values))
     assert np.max(np.abs(residual(plant, record))) < 2e-3
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0023])
+def test_equations_know_a_goal_with_a_speed_limit_as_the_simulator_does(delay) -> None:
+    """The integral keeps every error of the goal, also where a command arrives within a sample."""
+    servo = f"{{kp: 4.0, kd: 0.1, ki: 8.0, speed_limit: 3.0, delay: {delay}}}"
+    right, wrong = residuals(servo, [Effect("coulomb_friction", "link", {"torque": 0.1}, 0)])
+    assert right < 2e-4 and wrong > 200.0 * right

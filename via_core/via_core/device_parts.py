@@ -85,8 +85,9 @@ class ServoMotor(Record):
 class PositionDrive(Record):
     """A position-controlled drive on the link of a rigid joint; it measures neither motor angle nor torque.
 
-        tau = clip(kp (goal - q), -torque_limit, torque_limit) - kd qd          limited: proportional
-        tau = clip(kp (goal - q) - kd qd, -torque_limit, torque_limit)          limited: sum, as in MuJoCo and Gazebo
+        tau = clip(kp (goal - q) + i, -torque_limit, torque_limit) - kd qd      limited: proportional
+        tau = clip(kp (goal - q) + i - kd qd, -torque_limit, torque_limit)      limited: sum, as in MuJoCo and Gazebo
+        di/dt = ki (goal - q),  |i| <= integral_limit and torque_limit
 
     `goal` is the command of `delay` seconds ago. A NaN goal switches the drive off: its torque is zero. For a DC servo
     with supply voltage V, torque constant kt and resistance R (seen at the joint) whose duty cycle is proportional to
@@ -95,13 +96,15 @@ class PositionDrive(Record):
 
     kp: Positive  # [N m/rad]
     kd: NotNegative  # [N m s/rad]
+    ki: NotNegative = 0.0  # [N m/(rad s)]
     torque_limit: Positive | None = None  # [N m]; None: unknown
+    integral_limit: Positive | None = None  # [N m]; None: no other than torque_limit
     limited: Literal["proportional", "sum"] = "proportional"
     speed_limit: Positive | None = None  # [rad/s] slew rate of the drive's internal goal; None: unknown
     delay: Annotated[float, Field(strict=True, ge=0.0, le=0.1)] = 0.0  # [s] dead time of the goal
 
     def torque(self, error: Array, speed: Array) -> Array:
-        """Torque [N m] at errors goal - q [rad] and speeds [rad/s]."""
+        """Torque [N m] at errors goal - q [rad] and speeds [rad/s], without the integral."""
         pull, brake, limit = self.kp * error, self.kd * speed, self.torque_limit or np.inf
         if self.limited == "sum":
             return np.asarray(np.clip(pull - brake, -limit, limit))

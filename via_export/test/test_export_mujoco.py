@@ -68,6 +68,7 @@ PLANTED = (
     (SERVO, e("actuator_delay", "command", delay=0.03)),
     (SERVO, e("torque_gain", "motor", 1, gain=0.8)),
     (SERVO, e("position_gain", "motor", 1, gain=0.8)),
+    (SERVO, e("integral_action", "motor", 1, rate=6.0, start=0.1)),
     (SERVO, e("torque_saturation", "motor", 1, limit=0.4)),
     (SERVO, e("encoder_offset", "sensor", offset=0.2)),
     (MACCEPA, e("actuator_delay", "command", delay=0.045)),
@@ -142,6 +143,17 @@ def test_a_goal_with_a_speed_limit_acts_when_it_does_in_the_simulator() -> None:
     )
     found = difference(angles_in_via_sim(device, high, SECONDS), angles_in_mujoco(device, high, SECONDS))
     assert found < 0.2 * SLOT
+
+
+@pytest.mark.parametrize("more", [{}, {"speed_limit": 8.0}, {"integral_limit": 0.05}])
+def test_the_integral_of_a_device_moves_the_joint_alike(more: dict[str, float]) -> None:
+    device = device_of(SERVO)
+    assert device.servo is not None
+    with_integral = device.model_copy(update={"servo": device.servo.model_copy(update={"ki": 12.0, **more})})
+    truth = angles_in_via_sim(with_integral, (), SECONDS)
+    assert difference(truth, angles_in_mujoco(with_integral, (), SECONDS)) < SLOT
+    assert difference(truth, angles_in_via_sim(device, (), SECONDS)) > 5.0 * SLOT
+    assert "servo: ki" not in [loss.item for loss in export(with_integral, ()).losses]
 
 
 @pytest.mark.parametrize("speed_limit", [None, 8.0])

@@ -309,9 +309,8 @@ def _damper(target: Target, names: tuple[str, ...], parts: Parts) -> None:
 
 def steps_late(target: Target, h: float) -> int:
     """Time steps h [s] of an actuator's delay; one more for a goal with a speed limit, which acts a step early."""
-    late = round(float(target.row[P.delay]) / h)
     slews = target.row[P.link_drive] == POSITION_DRIVE and isfinite(target.row[P.drive_speed_limit])
-    return late + 1 if slews else late
+    return round(float(target.row[P.delay]) / h) + int(slews)
 
 
 def _late(target: Target) -> Attributes:
@@ -343,8 +342,9 @@ def _drive(target: Target, axis: int, name: str) -> Element:
     speed = float(row[P.drive_speed_limit])
     inside = kd if row[P.drive_limits_sum] else 0.0  # damping whose torque the limit includes
     common = {"name": f"{name}_drive", "joint": name, "damping": (kd - inside, 0.0, 0.0), **ends, **late}
-    if isfinite(speed):
-        return element("pid", **common, input="pos", kp=gain * kp, kv=inside, slewmax=speed)
+    if isfinite(speed) or target.integral_gain > 0.0:
+        slews: Attributes = {"slewmax": speed} if isfinite(speed) else {}
+        return element("pid", **common, input="pos", kp=gain * kp, kv=inside, **slews, **_integral(target, gain))
     return element(
         "general",
         **common,
@@ -354,6 +354,13 @@ def _drive(target: Target, axis: int, name: str) -> Element:
         input="pos",
         **_filter(target),
     )
+
+
+def _integral(target: Target, gain: float) -> Attributes:
+    """Attributes of integral action; imax limits the integral of the error itself."""
+    ki, most = target.integral_gain, target.integral_limit
+    limited: Attributes = {"imax": most / ki} if ki > 0.0 and isfinite(most) else {}
+    return {"ki": gain * ki, **limited} if ki > 0.0 else {}
 
 
 def _servo(target: Target, axis: int, name: str) -> Element:

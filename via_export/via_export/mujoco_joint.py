@@ -179,13 +179,17 @@ class MujocoJoint:
         model, row = self.model, self.target.row
         for axis in self.target.drives:
             actuator = self._drive_of(axis)
-            if model.actuator_actnum[actuator] == 0:
+            count, first = model.actuator_actnum[actuator], model.actuator_actadr[actuator]
+            if self.positioned and row[P.integral_rate] > 0.0:  # the integral of the error is its last element
+                data.act[first + count - 1] = state[X.integral] / row[P.integral_rate]
+                count -= 1
+            if count == 0:
                 continue
             value = state[X.lag + axis]
             if self.positioned:
                 late = min(int(float(row[P.delay]) * 1.0 / (self.steps * model.opt.timestep)), len(before) - 1)
                 value = before[late, GOAL] - state[X.behind] - state[X.lag]
-            data.act[model.actuator_actadr[actuator]] = value
+            data.act[first] = value
 
     def slide(self, data: Any) -> None:
         """Bristles of Stribeck friction of axes that move: they slide."""
@@ -224,5 +228,9 @@ class MujocoJoint:
         model.actuator_group[drive] = GROUP
         model.opt.disableactuator = 0 if on else 1 << GROUP
         model.actuator_damping[drive] = self._damping if on else 0.0
-        if not on and model.actuator_actnum[drive]:
-            data.act[model.actuator_actadr[drive]] = data.qpos[self.qpos[0]]
+        count, first = model.actuator_actnum[drive], model.actuator_actadr[drive]
+        if on or not count:
+            return
+        data.act[first] = data.qpos[self.qpos[0]]
+        if self.target.row[P.integral_rate] > 0.0:
+            data.act[first + count - 1] = 0.0

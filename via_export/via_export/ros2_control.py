@@ -94,8 +94,12 @@ def parameters(target: Target) -> str:
     if target.row[P.link_drive] == POSITION_DRIVE:
         gain = target.of_axis(P.torque_gain, LINK)
         gains: dict[str, Any] = {
-            "p": gain * float(target.row[P.drive_stiffness]), "i": 0.0, "d": float(target.row[P.drive_damping]),
+            "p": gain * float(target.row[P.drive_stiffness]), "i": gain * target.integral_gain,
+            "d": float(target.row[P.drive_damping]),
         }  # fmt: skip
+        if isfinite(target.integral_limit) and target.integral_gain > 0.0:
+            most = gain * target.integral_limit
+            gains |= {"i_clamp_max": most, "i_clamp_min": -most}
         if isfinite(target.effort):
             gains |= {"u_clamp_max": target.effort, "u_clamp_min": -target.effort}
         content[f"{target.device.name}_pid_controller"] = {

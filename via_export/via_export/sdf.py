@@ -7,7 +7,7 @@ Sources: SDFormat 1.9, elements joint/axis/dynamics and joint/axis/limit; Gazebo
 
 from __future__ import annotations
 
-from math import cos, isfinite, sin
+from math import cos, inf, isfinite, sin
 
 import numpy as np
 from via_core.device_parts import ServoMotor
@@ -141,21 +141,27 @@ def _plugins(target: Target) -> list[Element]:
         gain = target.of_axis(P.torque_gain, LINK)
         p, d = gain * float(row[P.drive_stiffness]), float(row[P.drive_damping])
         limit, offset = target.effort, target.of_axis(P.torque_bias, LINK)
-        return [_controller(target.names[0], p, d, limit, offset)]
+        integral = gain * target.integral_gain, gain * target.integral_limit
+        return [_controller(target.names[0], (p, d), limit, offset, integral)]
     if device.motors and isinstance(device.motors[0], ServoMotor):
         w, inertia = target.of_axis(P.bandwidth, 0), _motor_inertia(target)
-        return [_controller(target.names[1], inertia * w * w, 2.0 * inertia * w, float("inf"), 0.0)]
+        return [_controller(target.names[1], (inertia * w * w, 2.0 * inertia * w), float("inf"), 0.0)]
     return []
 
 
-def _controller(joint: str, p: float, d: float, limit: float, offset: float) -> Element:
+def _controller(
+    joint: str, gains: tuple[float, float], limit: float, offset: float, integral: tuple[float, float] = (0.0, inf)
+) -> Element:
+    """gains: of error and speed; integral: gain and largest torque."""
     parts = [
         leaf("joint_name", joint),
-        leaf("p_gain", p),
-        leaf("i_gain", 0.0),
-        leaf("d_gain", d),
+        leaf("p_gain", gains[0]),
+        leaf("i_gain", integral[0]),
+        leaf("d_gain", gains[1]),
         leaf("cmd_offset", offset),
     ]
+    if integral[0] > 0.0 and isfinite(integral[1]):
+        parts += [leaf("i_max", integral[1]), leaf("i_min", -integral[1])]
     if isfinite(limit):
         parts += [leaf("cmd_max", limit), leaf("cmd_min", -limit)]
     return element(

@@ -19,6 +19,7 @@ TITLES = {
     "ros2_control": "ros2_control",
 }  # fmt: skip
 NO_PHYSICS = "- holds no physics; belongs into the simulator's model"
+NO_INTEGRAL = "- the drive has no integral; a custom actuator class can add it"
 Kind = Literal["slot", "substitute", "none"]
 Applies = Callable[[Target, Effect | None], bool]
 

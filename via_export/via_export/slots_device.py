@@ -7,7 +7,7 @@ from math import prod
 from via_core.device_parts import Linear
 from via_sim.effects import Effect
 
-from via_export.slots import by_levers, position_drive, row, servo
+from via_export.slots import NO_INTEGRAL, by_levers, position_drive, row, servo
 from via_export.target import Target
 
 CONSTANT = "stiffness does not change with the deflection or the preset"
@@ -42,6 +42,10 @@ def _scaled(target: Target, _effect: Effect | None) -> bool:
     """Whether the torque scale of the file, with the factor that a diagnosis fitted, is not 1."""
     factors = (effect.parameters.get("torque scale", 1.0) for effect in target.effects)
     return prod(factors, start=target.device.torque_scale) != 1.0
+
+
+def _integrates(target: Target, _effect: Effect | None) -> bool:
+    return target.integral_gain > 0.0
 
 
 def _position_limited(target: Target, limited: str) -> bool:
@@ -130,6 +134,12 @@ DEVICE_ROWS = (
         sdf="= JointPositionController p_gain, d_gain", isaaclab="= stiffness, damping",
         bam="= kt and R with --supply; the gain of the firmware belongs to the actuator class",
         ros2_control="= pid_controller gains p, d",
+    ),
+    row(
+        "servo: ki", "position drive", _integrates,
+        mjcf="= pid ki, imax", sdf="= JointPositionController i_gain, i_max, i_min",
+        ros2_control="= pid_controller gain i, i_clamp_max, i_clamp_min",
+        isaaclab=NO_INTEGRAL, bam=NO_INTEGRAL, urdf="- gains belong to the controller",
     ),
     row(
         "servo: torque_limit", "limited: proportional", lambda t, _e: _position_limited(t, "proportional"),

@@ -7,7 +7,7 @@ from math import isfinite
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P
 
-from via_export.slots import by_levers, position_drive, row, servo
+from via_export.slots import NO_INTEGRAL, by_levers, position_drive, row, servo
 from via_export.target import Target
 
 READING = "- apply it where you read the encoder"
@@ -22,7 +22,8 @@ def _lasting(_target: Target, effect: Effect | None) -> bool:
 
 
 def _with_lag(target: Target, _effect: Effect | None) -> bool:
-    return position_drive(target, None) and isfinite(target.row[P.drive_speed_limit])
+    slews = isfinite(target.row[P.drive_speed_limit])
+    return position_drive(target, None) and (slews or float(target.row[P.integral_rate]) > 0.0)
 
 
 def _sensed(_target: Target, effect: Effect | None) -> bool:
@@ -219,13 +220,19 @@ EFFECT_ROWS = (
         ros2_control="= pid_controller gain p",
     ),
     row(
+        "integral_action",
+        mjcf="= pid ki, imax", sdf="= JointPositionController i_gain, i_max, i_min",
+        ros2_control="= pid_controller gain i, i_clamp_max, i_clamp_min",
+        isaaclab=NO_INTEGRAL, bam=NO_INTEGRAL, urdf="- gains belong to the controller",
+    ),
+    row(
         "position_deadband",
         isaaclab="- small errors are corrected; a custom actuator class can add it",
         others="- small errors are corrected",
     ),
     row(
-        "actuator_lag", "with a speed limit", _with_lag,
-        mjcf="- an actuator has a filter or a slew rate, not both: the goal leads by the time constant",
+        "actuator_lag", "with a speed limit or integral action", _with_lag,
+        mjcf="- an actuator has a filter or a slew rate and an integral, not both: the goal leads by the time constant",
         isaaclab="~ delay longer by the time constant | a delay in place of a filter",
         bam="~ command_delay longer by the time constant | a delay in place of a filter",
         others="- commands act at once",

@@ -189,6 +189,16 @@ class Target:
         return sum(self.limit(axis) * self.of_axis(P.torque_gain, axis) for axis in axes)
 
     @property
+    def integral_gain(self) -> float:
+        """[N m/(rad s)] ki of a position drive, before the gain of its torque."""
+        return float(self.row[P.integral_rate] * self.row[P.drive_stiffness])
+
+    @property
+    def integral_limit(self) -> float:
+        """[N m] largest torque of the integral, before the gain; infinite if there is none."""
+        return min(float(self.row[P.integral_limit]), self.limit(LINK))
+
+    @property
     def speed(self) -> float:
         """[rad/s] limit of the joint's speed, infinite if unknown."""
         row = self.row

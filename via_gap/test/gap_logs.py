@@ -69,7 +69,7 @@ def wrong_plant(device: Device, effects: Sequence[Effect], rng: np.random.Genera
     nominal = JointPlant.from_device(device)
     row = nominal.parameters.copy()
     for nuisance in nuisances(nominal):
-        nuisance.apply(row, 1.0 + tolerance * rng.uniform(-1.0, 1.0))
+        nuisance.apply(row, tolerance / nuisance.tolerance * rng.uniform(-1.0, 1.0))
     write_effects(row, device, effects)
     return JointPlant(device, row, tuple(effects))
 

@@ -60,10 +60,11 @@ def test_shots_cut_out_of_a_log_know_what_was_held_before_them(effect):
 
 SLOW = Effect("speed_limit", "command", {"limit": 0.6})
 LAG = Effect("actuator_lag", "command", {"time_constant": 0.2})
+INTEGRAL = Effect("integral_action", "motor", {"rate": 2.0, "start": 0.1}, 1)
 
 
-@pytest.mark.parametrize("effects", [(SLOW,), (LAG,), (SLOW, LAG)], ids=str)
-def test_a_goal_is_as_far_behind_as_in_the_simulator(effects):
+@pytest.mark.parametrize("effects", [(SLOW,), (LAG,), (SLOW, LAG), (INTEGRAL,), (SLOW, LAG, INTEGRAL)], ids=str)
+def test_a_goal_is_as_far_behind_as_in_the_simulator_and_so_is_the_integral(effects):
     """Through a interval in which the drive is off, at ticks in any order."""
     device = positioned()
     time = np.arange(2000) / 500.0
@@ -74,13 +75,15 @@ def test_a_goal_is_as_far_behind_as_in_the_simulator(effects):
     simulator = Simulator(plant, 500.0)
     state, measured, expected = simulator.init((goal[0], 0, 0, 0, 0, 0)), [], []
     for k in range(len(time)):
-        expected.append([state[X.behind], state[X.lag]])
-        state, read, _ = simulator.step(state, commands[k])
-        measured.append(read[0])
+        expected.append([state[X.behind], state[X.lag], state[X.integral]])
+        state, _, _ = simulator.step(state, commands[k])
+        measured.append(state[0])
     on = np.isfinite(goal)
     ticks = np.flatnonzero(on & np.roll(on, 4) & np.roll(on, 5))[::-7]  # the command that acted last was a goal
     nominal = JointPlant.from_device(device).at_rate(500.0)
     found = goals_along(np.stack([nominal, plant.at_rate(500.0)]), commands, np.array([goal[0], *measured[:-1]]), ticks)
     assert not found[0].any()
-    np.testing.assert_allclose(found[1], np.array(expected)[ticks], atol=1e-9)
+    expected = np.array(expected)[ticks]
+    np.testing.assert_allclose(found[1][:, :2], expected[:, :2], atol=1e-9)
+    np.testing.assert_allclose(found[1][:, 2], expected[:, 2], atol=5e-6)  # the angle within a tick is interpolated
     assert np.abs(found[1]).max() > 0.1

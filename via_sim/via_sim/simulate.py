@@ -22,10 +22,12 @@ from via_core.limits import LIMITS
 from via_core.signals import Array, Signals
 
 from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
+from via_sim.joint.encoders import read_motion
 from via_sim.joint.kernel import run, run_in
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, POWER, QUEUED, X
 from via_sim.joint.measurements import MEASURED, TRUTH
 from via_sim.joint.parameters import ABSENT, SERVO, P
+from via_sim.joint.position_drive import integral_at_start
 from via_sim.joint.structure import structure_of
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
@@ -149,8 +151,12 @@ def initial_state(plant: JointPlant, rate: float, initial: ArrayLike | None, see
     kinds = np.tile(plant.parameters[P.axis_kind : P.axis_kind + 3], 2)
     state[:6] = np.where(kinds == ABSENT, 0.0, motion)
     state[X.seed] = seed
+    state[X.integral] = integral_at_start(plant.parameters)
     state[X.history : X.queue].reshape(HISTORY, 6)[:, :3] = state[:3]  # at rest before tick 0
-    state[X.queue :].reshape(queue, QUEUED)[:, :2] = passive_command(plant, state)[:2]
+    before = state[X.queue :].reshape(queue, QUEUED)
+    before[:, :2] = passive_command(plant, state)[:2]
+    if state[X.integral] != 0.0:  # the drive was on, and held the link
+        before[:, POWER], before[:, GOAL] = 1.0, read_motion(plant.parameters, 0, state[0], 0.0)[0]
     return state
 
 

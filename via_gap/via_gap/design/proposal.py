@@ -112,12 +112,12 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
     """
     blank = ResidualModel.of_plant(JointPlant.from_device(device))
     found = {value.name: value.offset for value in report.nuisance}
-    if found.keys() != {nuisance.name for nuisance in blank.nuisances}:
+    if found.keys() != {nuisance.name for nuisance in blank.nuisances if nuisance.start == 0.0}:
         raise ParameterError(f"the report's numbers are not those of '{device.name}'")
     causes = [TiedCause.of(cause) for cause in tied(report)]
     if len(causes) < 2:
         return None
-    offsets = np.array([found[nuisance.name] for nuisance in blank.nuisances])
+    offsets = np.array([found.get(nuisance.name, 0.0) for nuisance in blank.nuisances])
     proposals = _proposals(blank, causes, offsets, reach)
     if not proposals:
         plants = _plants(blank, causes, offsets)

@@ -59,6 +59,7 @@ def fitted_parameters(problem: ResidualModel, offsets: Array) -> tuple[NuisanceV
             low=n.value - BOUND * n.tolerance * abs(n.value), high=n.value + BOUND * n.tolerance * abs(n.value),
         )
         for n, d in zip(problem.nuisances, offsets, strict=True)
+        if n.start == 0.0
     )  # fmt: skip
 
 

@@ -5,7 +5,8 @@ The cell of a sample reaches halfway to its neighbours. Commands are held over i
 
 from __future__ import annotations
 
-from math import exp, isfinite
+from math import isfinite
+from typing import Any
 
 from via_core.signals import Array
 from via_sim.joint.compiled import bare
@@ -13,7 +14,7 @@ from via_sim.joint.friction import dry_friction
 from via_sim.joint.layout import GOAL, POWER, U, X
 from via_sim.joint.measurements import hermite
 from via_sim.joint.parameters import P
-from via_sim.joint.position_drive import followed, mean_followed
+from via_sim.joint.position_drive import acting_goal, followed, integral_at_start, integrated, mean_followed
 
 
 @bare
@@ -48,21 +49,52 @@ def slipping_friction(
 
 
 @bare
-def mean_goal(p: Array, late: Array, measured: float, width: float, x: Array, u: Array) -> None:
-    """Mean goal of a position drive over a cell of `width` [s], and the share of time that the drive is on, into u.
+def first_goal(p: Array, late: Array, measured: float, x: Array) -> None:
+    """Goal (absolute, `measured` while the drive is off) and integral of a position drive when a record begins.
 
-    late (N_COMMANDS,): means of the commands; measured [rad]: goal of a drive that is off. x holds the goal behind the
-    speed limit and behind the lag, here both absolute [rad].
+    late  (N_COMMANDS,) means over the first cell
     """
-    u[U.on] = late[POWER]
-    if u[U.on] <= 0.0:
-        x[X.behind] = x[X.lag] = u[U.acting] = measured
-        return
-    commanded = late[GOAL] / u[U.on]
-    u[U.acting] = mean_followed(p, commanded, x[X.behind], width)
-    x[X.behind] = followed(p, commanded, x[X.behind], width)
-    if p[P.lag] > 0.0:
-        passed = u[U.acting] + (x[X.lag] - u[U.acting]) * exp(-width / p[P.lag])
-        if width > 0.0:
-            u[U.acting] -= p[P.lag] * (passed - x[X.lag]) / width
-        x[X.lag] = passed
+    x[X.behind] = x[X.lag] = late[GOAL] / late[POWER] if late[POWER] > 0.0 else measured
+    x[X.integral] = integral_at_start(p)
+
+
+@bare
+def mean_goal(p: Array, sent: Any, at: Any, begin: float, width: float, measured: float, x: Array, u: Array) -> None:
+    """Mean goal and integral of a position drive over a cell, while it is on, and the share of time it is on, into u.
+
+    sent      times (K,) [s] and commands (K, N_COMMANDS), each constant until the next
+    at        (1,) the command at which the last cell ended
+    begin     [s] of the cell, `width` [s] long
+    measured  [rad] goal of a drive that is off
+
+    x holds the goal behind the speed limit and behind the lag, here both absolute [rad], and the integral.
+    """
+    times, commands = sent
+    last, now = times.size - 1, begin - p[P.delay]
+    end = now + width
+    on = goal = held = 0.0
+    while True:
+        while at[0] < last and times[at[0] + 1] <= now:
+            at[0] += 1
+        span = end - now if at[0] == last else min(times[at[0] + 1], end) - now
+        share = span / width if width > 0.0 else 1.0
+        if commands[at[0], POWER] > 0.5:
+            commanded, follows, lags = commands[at[0], GOAL], x[X.behind], x[X.lag]
+            x[X.behind] = followed(p, commanded, follows, span)
+            x[X.lag] = acting_goal(p, commanded, follows, lags, span)
+            mean = mean_followed(p, commanded, follows, span)
+            if span > 0.0:
+                mean -= p[P.lag] * (x[X.lag] - lags) / span  # T y' = u - y
+            error = mean - measured
+            on, goal = on + share, goal + share * mean
+            held += share * integrated(p, x[X.integral], error, 0.5 * span)
+            x[X.integral] = integrated(p, x[X.integral], error, span)
+        else:
+            x[X.behind] = x[X.lag] = measured
+            x[X.integral] = 0.0
+        now += span
+        if at[0] == last or times[at[0] + 1] >= end:
+            break
+    u[U.on], u[U.acting], u[U.held] = on, measured, 0.0
+    if on > 0.0:
+        u[U.acting], u[U.held] = goal / on, held / on

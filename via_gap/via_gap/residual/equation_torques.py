@@ -31,7 +31,7 @@ from via_sim.joint.actuation import couple, servo_bandwidth
 from via_sim.joint.compiled import compiled, inlined
 from via_sim.joint.encoders import read_motion, true_motion
 from via_sim.joint.friction import breakaway, has_friction, viscous_friction
-from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, MODE, N_INPUTS, N_MODES, NEIGHBOUR, POWER, U, X
+from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, MODE, N_INPUTS, N_MODES, NEIGHBOUR, U, X
 from via_sim.joint.parameters import ABSENT, DYNAMIC, N_PARAMETERS, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
 from via_sim.joint.torques import (
     EVERYTHING,
@@ -45,7 +45,7 @@ from via_sim.joint.torques import (
     transmission_torque,
 )
 
-from via_gap.residual.cells import ahead, mean_goal, slipping_friction
+from via_gap.residual.cells import ahead, first_goal, mean_goal, slipping_friction
 from via_gap.residual.record import Record
 
 _SLEWING = 0.98  # share of its speed limit above which a servo counts as limited
@@ -55,9 +55,10 @@ _Columns = namedtuple("_Columns", "torque friction forward backward angle veloci
 _C: Any = _Columns(0, 3, 6, 9, 12, 15, 18)
 _N_COLUMNS = 20
 
-# A record with the means of its commands, and the work memory of the walk along it: modes, inputs, state, motion.
-_Log = namedtuple("_Log", "time angle velocity late prompt")
-_Work = namedtuple("_Work", "modes u x y")
+# A record with the means of its commands and the commands themselves; the work memory of the walk along it: modes,
+# inputs, state, motion, and the command at which the last cell ended.
+_Log = namedtuple("_Log", "time angle velocity late prompt sent")
+_Work = namedtuple("_Work", "modes u x y at")
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,8 @@ def equation_torques(row: Array, record: Record, wanted: Indices | None = None) 
     every = np.arange(len(record))
     walked = every if wanted is None or _has_memory(p) else wanted
     out = np.empty((len(walked), _N_COLUMNS))
-    walk(p, record.time, record.angle, record.velocity, *record.means(p), walked, out)
+    motion, sent = (record.angle, record.velocity), (record.command_time, record.commands)
+    walk(p, record.time, motion, record.means(p), sent, walked, out)
     if wanted is not None and walked is every:
         out = out[wanted]
     kinds = p[P.axis_kind : P.axis_kind + 3]
@@ -112,25 +114,31 @@ def equation_torques(row: Array, record: Record, wanted: Indices | None = None) 
 
 def _has_memory(p: Array) -> bool:
     """Whether the torque at a sample depends on more than the sample and its neighbours."""
-    limited = p[P.link_drive] == POSITION_DRIVE and p[P.drive_speed_limit] < np.inf
+    limited = p[P.link_drive] == POSITION_DRIVE and (p[P.drive_speed_limit] < np.inf or p[P.integral_rate] > 0.0)
     bristles, slips = p[P.bristle_torque : P.bristle_torque + 3], p[P.hysteresis_torque : P.hysteresis_torque + 2]
     return bool(p[P.lag] > 0.0 or limited or np.any(bristles > 0.0) or np.any(slips > 0.0))
 
 
 @compiled
 def walk(
-    p: Array, time: Array, angle: Array, velocity: Array, late: Array, prompt: Array, wanted: Any, out: Array
+    p: Array,
+    time: Array,
+    motion: tuple[Array, Array],
+    means: tuple[Array, Array],
+    sent: tuple[Array, Array],
+    wanted: Any,
+    out: Array,
 ) -> None:
     """Torques at the wanted samples of a record into out (n, 17), see `EquationTorques` and `Record.means`."""
-    log = _Log(time, angle, velocity, late, prompt)
-    work = _Work(np.zeros(N_MODES, np.int64), np.zeros(N_INPUTS), np.zeros(X.queue), np.zeros(6))
+    log = _Log(time, motion[0], motion[1], means[0], means[1], sent)
+    work = _Work(np.zeros(N_MODES, np.int64), np.zeros(N_INPUTS), np.zeros(X.queue), np.zeros(6), np.zeros(1, np.int64))
     prepare(p, work.modes)
     for i in range(wanted.size):
         n, last = wanted[i], time.size - 1
         begin, end = 0.5 * (time[max(n - 1, 0)] + time[n]), 0.5 * (time[n] + time[min(n + 1, last)])
         age = p[P.origin] + time[n] - time[0]
         _load_inputs(p, log, n, age, begin, end - begin, work)
-        _load_motion(p, log, n, end - begin, work)
+        _load_motion(p, log, n, (begin, end - begin), work)
         _store_torques(p, log, n, age, work, out[i])
 
 
@@ -165,8 +173,11 @@ def _load_inputs(p: Array, log: _Log, n: int, age: float, begin: float, width: f
 
 
 @inlined
-def _load_motion(p: Array, log: _Log, n: int, width: float, work: _Work) -> None:
-    """Motion at sample n with sensor effects undone, and elements with memory advanced to it."""
+def _load_motion(p: Array, log: _Log, n: int, cell: tuple[float, float], work: _Work) -> None:
+    """Motion at sample n with sensor effects undone, and elements with memory advanced to it.
+
+    cell  begin and width [s] of the cell
+    """
     modes, u, x, y, late = work.modes, work.u, work.x, work.y, log.late[n]
     for axis in range(3):
         y[axis], y[3 + axis] = 0.0, 0.0
@@ -182,8 +193,8 @@ def _load_motion(p: Array, log: _Log, n: int, width: float, work: _Work) -> None
     if p[P.link_drive] == POSITION_DRIVE:
         measured, _ = read_motion(p, 0, y[0], y[3])
         if n == 0:
-            x[X.behind] = x[X.lag] = late[GOAL] / late[POWER] if late[POWER] > 0.0 else measured
-        mean_goal(p, late, measured, width, x, u)
+            first_goal(p, late, measured, x)
+        mean_goal(p, log.sent, work.at, cell[0], cell[1], measured, x, u)
         u[DAMPING] += u[U.on] * p[P.drive_damping]
     if isfinite(y[0] + y[1] + y[2]):
         remember(p, modes, x, y)

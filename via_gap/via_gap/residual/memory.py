@@ -1,12 +1,12 @@
 """Hidden states at the start of a segment: bristles, Maxwell elements, and the goal of a position drive.
 
     torques = torques_along(rows, angles, ticks)            # (K, n, 5)
-    behind = goals_along(rows, commands, measured, ticks)   # (K, n, 2)
+    behind = goals_along(rows, commands, measured, ticks)   # (K, n, 3)
 
 A segment starts from measured angles, but the torque of such an element depends on all reversals since it last slipped,
 maybe seconds ago. Its equation, as in the simulator (`remember`), is therefore integrated along the measured angles
 from the beginning of the log, once per parameter row. The goal of a position drive, which is behind its command because
-of a speed limit or a lag, is integrated along the commands in the same way.
+of a speed limit or a lag, is integrated along the commands in the same way, and so is the integral of its error.
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ from via_sim.joint.compiled import compiled
 from via_sim.joint.layout import GOAL, HISTORY, N_MODES, POWER, X
 from via_sim.joint.measurements import stride
 from via_sim.joint.parameters import POSITION_DRIVE, P
-from via_sim.joint.position_drive import acting_goal, followed
+from via_sim.joint.position_drive import acting_goal, followed, integral_at_start, integrated
 from via_sim.joint.torques import remember
 
 HELD = 5  # bristles of link, motor 1, motor 2; Maxwell elements of transmission 1, 2
 TORQUES = np.r_[P.bristle_torque : P.bristle_torque + 3, P.hysteresis_torque : P.hysteresis_torque + 2]
 STIFFNESSES = np.r_[P.bristle_stiffness : P.bristle_stiffness + 3, P.hysteresis_stiffness : P.hysteresis_stiffness + 2]
 # Slots of a row that matter for each: most rows of a fit differ in others.
-ELEMENTS, GOAL_NUMBERS = np.r_[TORQUES, STIFFNESSES], np.array([P.delay, P.lag, P.drive_speed_limit])
+ELEMENTS = np.r_[TORQUES, STIFFNESSES]
+GOAL_NUMBERS = np.array([P.delay, P.lag, P.drive_speed_limit, P.integral_rate, P.integral_start, P.integral_limit,
+                         P.drive_torque_limit, P.saturation, P.drive_stiffness])  # fmt: skip
 
 
 def torques_along(rows: Array, angles: Array, ticks: Indices) -> Array:
@@ -82,18 +84,34 @@ def _integrate(angles: Array, rows: Array, ticks: Array, out: Array) -> None:
 
 
 def with_late_goal(rows: Array) -> Array:
-    """(K,) whether the goal of a row's position drive can differ from its delayed command."""
-    slow = (rows[:, P.lag] > 0.0) | np.isfinite(rows[:, P.drive_speed_limit])
+    """(K,) whether the goal of a row's position drive can differ from its delayed command, or it has an integral."""
+    slow = (rows[:, P.lag] > 0.0) | np.isfinite(rows[:, P.drive_speed_limit]) | (rows[:, P.integral_rate] > 0.0)
     return np.asarray(slow & (rows[:, P.link_drive] == POSITION_DRIVE))
 
 
 def goals_along(rows: Array, commands: Array, measured: Array, ticks: Indices) -> Array:
-    """(K, n, 2) [rad] lag of the goals of rows (K, N_PARAMETERS) by speed limit and by time constant at ticks (n,).
+    """(K, n, 3) [rad] lag of the goals of rows (K, N_PARAMETERS) by speed limit and by time constant, and integrals.
 
+    ticks     (n,)
     commands  (T, N_COMMANDS) constant over each tick; before the first tick the drive had reached its first goal
     measured  (T,) [rad] by the drive's encoder, the goal while the drive is off
     """
-    return _once_per_row(rows, with_late_goal(rows), GOAL_NUMBERS, ticks, 2, partial(_follow, commands, measured))
+    return _once_per_row(rows, with_late_goal(rows), GOAL_NUMBERS, ticks, 3, partial(_follow, commands, measured))
+
+
+def integrals_along(rows: Array, commands: Array, measured: Array, ticks: Indices) -> Array | None:
+    """(K, n) [rad] integrals of the position drives of rows (K, N_PARAMETERS) at ticks (n,); None: none has any.
+
+    commands  (1 or K, T, N_COMMANDS) of all rows, or of each
+    measured  as of `goals_along`
+    """
+    which = np.flatnonzero((rows[:, P.integral_rate] > 0.0) & (rows[:, P.link_drive] == POSITION_DRIVE))
+    if not which.size:
+        return None
+    found = np.zeros((len(rows), len(ticks)))
+    for k in which:
+        found[k] = goals_along(rows[k][None], commands[k % len(commands)], measured, ticks)[0, :, 2]
+    return found
 
 
 @compiled
@@ -107,9 +125,10 @@ def _follow(commands: Array, measured: Array, rows: Array, ticks: Array, out: Ar
         if rest < 1e-9 * period:
             rest = 0.0
         follows = lags = commands[0, GOAL] if commands[0, POWER] > 0.5 else measured[0]
-        done = 0
+        done, integral = 0, integral_at_start(p)
         for j in range(len(ticks)):
             while done < ticks[j]:
+                passed = 0.0  # [s] of the tick
                 if commands[max(done - whole - 1, 0), POWER] <= 0.5:
                     follows = lags = measured[done]
                 for piece in range(2):  # before and after the command of this tick arrives
@@ -118,14 +137,21 @@ def _follow(commands: Array, measured: Array, rows: Array, ticks: Array, out: Ar
                         continue
                     if commands[held, POWER] > 0.5:
                         goal = commands[held, GOAL]
+                        before = acting_goal(p, goal, follows, lags, 0.0)
                         lags = acting_goal(p, goal, follows, lags, span)
                         follows = followed(p, goal, follows, span)
+                        middle = (passed + 0.5 * span) / period
+                        angle = measured[done] + middle * (measured[done + 1] - measured[done])
+                        integral = integrated(p, integral, 0.5 * (before + lags) - angle, span)
                     else:
                         follows = lags = measured[done]
+                        integral = 0.0
+                    passed += span
                 done += 1
             last = max(done - whole - 1, 0)
             if commands[last, POWER] > 0.5:
                 out[k, j, 0], out[k, j, 1] = commands[last, GOAL] - follows, follows - lags
+            out[k, j, 2] = integral
 
 
 def write_history(

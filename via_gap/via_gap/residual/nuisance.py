@@ -4,6 +4,9 @@ Every candidate cause is fitted together with them, so that an error of 5 % in a
 effect nor compensated by one. They are bounded, because both views have a trivial minimum in which all terms vanish,
 and because a parameter far from its filed value is a finding. The device with its fitted parameters and the named
 effects is the repaired model.
+
+A position drive with integral action has one more: the torque of its integral when the recording began. It belongs to
+the recording, so that no repaired device contains it.
 """
 
 from __future__ import annotations
@@ -17,21 +20,32 @@ from via_core.device_parts import Tolerances
 from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.effects.device_numbers import DeviceNumber, numbers_of
+from via_sim.joint.parameters import POSITION_DRIVE, P
 from via_sim.plants import JointPlant
 
 _SPRINGS = {"linear": ("stiffness",), "cubic": ("coefficient",), "odd_polynomial": ("odd_coefficients",)}
 _SHAPES = {"odd_polynomial": ("odd_coefficients",), "sinh": ("a",)}
+LARGE_ERROR = 1.0  # [rad] whose torque an integral without a limit may have at most
 BOUND = 1.3  # [standard deviations of the tolerance] largest offset
 
 
 @dataclass(frozen=True)
 class Nuisance(DeviceNumber):
-    """One device parameter, with its value in the device file; `apply(row, factor)` multiplies it in place."""
+    """One parameter with its value in the device file.
 
-    tolerance: float  # relative standard deviation
+    tolerance  relative standard deviation
+    start      standard deviation, in its unit, of what differs between recordings; 0 for device parameters
+    """
 
-    def apply(self, row: Array, factor: float) -> None:
-        row[list(self.slots)] *= factor
+    tolerance: float
+    start: float = 0.0
+
+    def apply(self, row: Array, offset: float) -> None:
+        """Move it in a row in place, by an offset in standard deviations."""
+        if self.start > 0.0:
+            row[list(self.slots)] += self.start * offset
+        else:
+            row[list(self.slots)] *= 1.0 + self.tolerance * offset
 
 
 def nuisances(plant: JointPlant) -> tuple[Nuisance, ...]:
@@ -44,7 +58,16 @@ def nuisances(plant: JointPlant) -> tuple[Nuisance, ...]:
     found = (
         (each, _tolerance(known, each.name) / each.lever) for each in numbers_of(plant.parameters) if each.value != 0.0
     )
-    return tuple(Nuisance(**vars(each), tolerance=tolerance) for each, tolerance in found if tolerance > 0.0)
+    numbers = tuple(Nuisance(**vars(each), tolerance=tolerance) for each, tolerance in found if tolerance > 0.0)
+    return (*numbers, *_integral_start(plant.parameters))
+
+
+def _integral_start(row: Array) -> tuple[Nuisance, ...]:
+    """Torque of the integral of a position drive at the beginning of a recording: anything within its limit."""
+    if row[P.link_drive] != POSITION_DRIVE or row[P.integral_rate] <= 0.0:
+        return ()
+    most = min(row[P.integral_limit], row[P.drive_torque_limit], row[P.drive_stiffness] * LARGE_ERROR)
+    return (Nuisance("servo integral at the start", "N m", 0.0, (P.integral_start,), 1.0, 1.0, float(most) / BOUND),)
 
 
 def _tolerance(known: Tolerances, name: str) -> float:
@@ -63,13 +86,15 @@ def _tolerance(known: Tolerances, name: str) -> float:
 def apply_all(row: Array, each: tuple[Nuisance, ...], offsets: Array) -> None:
     """Apply every nuisance to a row in place; offsets (J,) in standard deviations of the tolerance."""
     for nuisance, offset in zip(each, offsets, strict=True):
-        nuisance.apply(row, 1.0 + nuisance.tolerance * float(offset))
+        nuisance.apply(row, float(offset))
 
 
 def repaired_device(device: Device, each: tuple[Nuisance, ...], offsets: Array) -> Device:
-    """The device with every nuisance moved by its offset [sd]; its parameter row equals that of the fit."""
+    """The device with every nuisance moved by its offset [sd]: the row of the fit but for the start of a recording."""
     content: dict[str, Any] = device.model_dump(mode="python")
     for nuisance, offset in zip(each, offsets, strict=True):
+        if nuisance.start > 0.0:
+            continue
         part, keys = _entries(content, nuisance.name)
         factor = 1.0 + nuisance.tolerance * float(offset)
         first = 1 if nuisance.name.endswith("shape") else 0  # of the coefficients of a polynomial

@@ -30,7 +30,7 @@ from via_sim.joint.parameters import DYNAMIC, SERVO, P
 from via_gap.residual.command_gaps import gap_pulses
 from via_gap.residual.legs import Leg, Runs, divided, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
-from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, write_history
+from via_gap.residual.memory import HELD, goals_along, integrals_along, torques_along, with_late_goal, write_history
 from via_gap.residual.segments import START, Segments, binned
 from via_gap.residual.torque_noise import noise_pulses
 from via_gap.residual.true_starts import correct
@@ -49,6 +49,7 @@ class _Inputs:
     rows      (K, N_PARAMETERS)
     commands  (1 or K, T, N_COMMANDS) of all rows, or of each
     memory    (K, C, HELD) torques of elements with memory at the starts, unless `states` contain them
+    integral  (K, C) [rad] integrals of a position drive at the starts; None: there is none
     states    (K, C, S) whole states at the starts, where a motor has no encoder
     offset    (6,) added to every start
     """
@@ -56,6 +57,7 @@ class _Inputs:
     rows: Array
     commands: Array
     memory: Array | None
+    integral: Array | None
     states: Array | None
     offset: Array | None
 
@@ -159,12 +161,14 @@ class Rollout:
             -1, 2
         )
         runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
-        memory = states = None
+        memory = integral = states = None
+        sent = self.segments.commands[None] if commands is None else commands
         if self._all_seen:
             memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
+            integral = integrals_along(rows, sent, self.segments.start[:, 0], self.segments.begin[self.chosen])
         else:
             states = self._states_of_unseen(rows, commands)
-        inputs = _Inputs(rows, self.segments.commands[None] if commands is None else commands, memory, states, offset)
+        inputs = _Inputs(rows, sent, memory, integral, states, offset)
         kind = tuple(map(float, self.segments.nominal[[P.tick, P.substeps]]))
         return out, [Runs(self._legs(inputs, chains, piece, out), len(piece), kind) for piece in divided(runs)]
 
@@ -185,7 +189,7 @@ class Rollout:
             return Starts(begin, self._states_of_unseen(row[None], None)[0], motion, None)
         ticks = np.maximum(begin - min(round(LEAD * segments.rate), segments.ticks), 0)
         states = self._initial(ticks, segments.commands, np.zeros(len(ticks), dtype=np.intp))
-        inputs = _Inputs(row[None], segments.commands[None], None, None, None)
+        inputs = _Inputs(row[None], segments.commands[None], None, None, None, None)
         self._late_goals(inputs, np.zeros((len(ticks), 2), dtype=np.intp), ticks, states)
         return Starts(ticks, states, motion, torques_along(row[None], segments.start[:, :3], begin)[0])
 
@@ -259,6 +263,8 @@ class Rollout:
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
             begin = segments.begin[self.chosen[here]]
             state[:, known] = self._starts(run, begin)[:, known]
+            if inputs.integral is not None:
+                state[:, X.integral] = inputs.integral[runs[:left, 0], here]
             if inputs.memory is not None:
                 state[:, X.bristle : X.bristle + HELD] = inputs.memory[runs[:left, 0], here]
             state[:, :6] += self.shift[here]
@@ -299,12 +305,12 @@ class Rollout:
         return states
 
     def _late_goals(self, inputs: _Inputs, runs: Indices, ticks: Indices, states: Array) -> None:
-        """Write into states (n, .) how far goals of position drives are behind their commands at `ticks` of `runs`."""
+        """Write into states (n, .) how far goals of position drives are behind, and integrals, at `ticks` of `runs`."""
         rows, drive = inputs.rows, inputs.commands
         for k in np.flatnonzero(with_late_goal(rows)):
             own = np.flatnonzero(runs[:, 0] == k)
             found = goals_along(rows[k][None], drive[k % len(drive)], self.segments.start[:, 0], ticks[own])[0]
-            states[own, X.behind], states[own, X.lag] = found.T
+            states[own, X.behind], states[own, X.lag], states[own, X.integral] = found.T
 
     def _starts(self, rows: Array, ticks: Indices) -> Array:
         """True angles and velocities (n, 6) at ticks: the measured ones without the encoder errors of each row."""

@@ -189,11 +189,14 @@ def blocks(arm: Arm, run: Sequence[JointLog]) -> list[Array]:
 
 
 def _drive_torque(log: JointLog, angle: Array, velocity: Array) -> Array:
-    """Torque (N,) [N m] of a drive: recorded, or by the equation of a position drive; NaN where neither is known."""
+    """Torque (N,) [N m] of a drive: recorded, or by the equation of a position drive; NaN where neither is known.
+
+    With integral action it depends on the time before the recording.
+    """
     servo, sent = log.device.servo, log.commands
     if log.torque is not None:
         return np.asarray(log.torque[:, 0])
-    if servo is None or sent is None or "equilibrium" not in sent:
+    if servo is None or servo.ki > 0.0 or sent is None or "equilibrium" not in sent:
         return np.full(len(angle), np.nan)
     goal = sent.resample(log.measured.time - servo.delay)["equilibrium"]
     return servo.torque(goal - angle, velocity)

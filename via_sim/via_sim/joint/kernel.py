@@ -40,7 +40,7 @@ from via_sim.joint.layout import (
 )
 from via_sim.joint.measurements import observe, record, stride
 from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
-from via_sim.joint.position_drive import acting_goal, drive_torque, followed
+from via_sim.joint.position_drive import acting_goal, drive_torque, followed, integrated
 from via_sim.joint.smooth import run_smooth
 from via_sim.joint.step import N_WEIGHTS, krogstad_step
 from via_sim.joint.structure import EVERYTHING, structure_of
@@ -171,6 +171,13 @@ def take_goal(p: Array, x: Array, queued: int, u: Array) -> None:
 
 
 @bare
+def goal_error(p: Array, x: Array, goal: float) -> float:
+    """Distance [rad] of a goal from the measured link angle."""
+    measured, _ = read_motion(p, 0, x[0], x[3])
+    return goal - measured
+
+
+@bare
 def queued_at(x: Array, slot: int, late: int) -> int:
     """Index in state x of the command from `late` ticks before the one at `slot` of the queue."""
     turn = slot - late
@@ -208,7 +215,7 @@ def _take_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weigh
     rest = p[P.delay] - whole * period
     if rest < 1e-9 * period:
         rest = 0.0
-    positioned = p[P.link_drive] == POSITION_DRIVE
+    positioned, error = p[P.link_drive] == POSITION_DRIVE, 0.0
     if positioned:
         recall_goal(p, x, queued_at(x, slot, whole + 1), u)
     for piece in range(2):  # before and after the command of this tick arrives
@@ -224,6 +231,10 @@ def _take_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weigh
         if positioned:
             take_goal(p, x, queued, u)
         supply(p, EVERYTHING, modes, x, u, 0.0)
+        if positioned:
+            error = u[U.on] * goal_error(p, x, u[U.acting])
+            x[X.integral] *= u[U.on]
+            u[U.held] = integrated(p, x[X.integral], error, 0.5 * duration)
         damping = 0.0
         if p[P.damper_site] != NO_DAMPER:
             damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[queued + DAMPING])
@@ -234,11 +245,14 @@ def _take_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weigh
         h = duration / substeps
         for _ in range(substeps):
             _advance(p, x, u, h, modes, weights, y)
+        if positioned:
+            error = 0.5 * (error + u[U.on] * goal_error(p, x, u[U.lagged]))
+            x[X.integral] = integrated(p, x[X.integral], error, duration)
         x[X.damping], x[X.external], x[X.beside] = damping, u[EXTERNAL], u[U.beside]
         for i in range(2):
             x[X.motor_torque + i] = u[i]
         if positioned:
-            x[X.external] += drive_torque(p, u[U.acting], u[U.on], x[0], x[3])
+            x[X.external] += drive_torque(p, u[U.acting], u[U.held], u[U.on], x[0], x[3])
             x[X.external] -= u[U.on] * p[P.drive_damping] * x[3]
             x[X.behind], x[X.lag] = u[U.target] - u[U.followed], u[U.followed] - u[U.lagged]
         elif modes[MODE.lags] == 0:

@@ -18,14 +18,15 @@ HISTORY = 34  # past samples in the ring buffer for late encoders
 #   bristle (3), hysteresis (2)  [N m] torques of the elements with memory
 #   lag (3)                [N m] drive torques behind the lag; of a position drive [rad] the distance of its goal
 #   behind                 [rad] distance of a position drive's goal from the commanded one due to the speed limit
+#   integral               [rad] of a position drive: integral of its error, times ki / kp
 #   history (HISTORY, 6)   motion at past ticks, a ring buffer
 #   queue (L, QUEUED)      the last L commands, a ring buffer for the dead time
 State = namedtuple(
     "State",
     "position velocity tick seed reported_torque motor_torque damping external beside bristle hysteresis lag behind "
-    "history queue",
+    "integral history queue",
 )
-X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 15, 18, 20, 23, 24, 24 + 6 * HISTORY)
+X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 15, 18, 20, 23, 24, 25, 25 + 6 * HISTORY)
 
 # Command row, constant during a tick: motor 1, motor 2 [N m or rad], damping [-], external torque at the link [N m],
 # angle of the neighbour joint [rad], torque of the other joints of an arm on the link [N m]. The dead time applies to
@@ -41,9 +42,10 @@ GOAL, POWER = M1, M2
 #   beside (3)          torques on these axes that are not from drives [N m]
 #   acting, on          of a position drive: goal [rad], 1 or 0
 #   followed, lagged    its goal at the beginning of the step behind the speed limit and behind the lag [rad]
-_Inputs = namedtuple("_Inputs", "spring target beside acting on followed lagged")
-U: Any = _Inputs(4, 6, 9, 12, 13, 14, 15)
-N_INPUTS = 16
+#   held                mean of its integral over the piece of the tick [rad]
+_Inputs = namedtuple("_Inputs", "spring target beside acting on followed lagged held")
+U: Any = _Inputs(4, 6, 9, 12, 13, 14, 15, 16)
+N_INPUTS = 17
 
 # Modes. Columns 0 to 2 are the axes: STUCK, SMOOTH (no dry friction) or slip direction -1, +1; then
 #   flank (2), slip (2)  flank of the transmissions (0 within the gap), slip direction of their Maxwell elements (or 0)

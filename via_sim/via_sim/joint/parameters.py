@@ -46,6 +46,7 @@ _NOMINAL = (
     Slot("drive_torque_limit", "N m", "known limit of kp times the error", 1, np.inf),
     Slot("drive_limits_sum", "-", "1: kd times the speed counts for the limit as well"),
     Slot("drive_speed_limit", "rad/s", "largest speed of the acting goal", 1, np.inf),
+    Slot("integral_limit", "N m", "largest torque of its integral", 1, np.inf),
     Slot("transmissions", "-", "number of springs, 0 to 2"),
     Slot("serial", "-", "1: motor 2 is the preset of spring 1; 0: each spring has its own motor"),
     Slot("spring_kind", "-", "spring law of via_core.springs", 2),

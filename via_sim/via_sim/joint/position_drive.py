@@ -1,13 +1,17 @@
 """A position drive on the link of a rigid joint: from commanded goal to torque on the link.
 
-    goal -> dead time -> speed limit -> lag -> clip(kp c(goal - measured), limits) -> gain, bias -> link; - kd qd
-                                               clip(kp c(goal - measured) - kd qd, limits) + kd qd    limited: sum
+    goal -> dead time -> speed limit -> lag -> clip(kp (c(e) + z), limits) -> gain, bias -> link; - kd qd
+                                               clip(kp (c(e) + z) - kd qd, limits) + kd qd    limited: sum
+    e = goal - measured,  dz/dt = (ki / kp) e,  |kp z| <= limit of the integral and of the torque
 
-c is the error itself, or what the terms of the catalogue let through. The feedback uses the drive's own encoder, so an
-encoder error changes the torque as well as the log. kd acts as viscous friction while the drive is on, which the
-exponential integrator covers; gain, bias, saturation and c apply to the other torque only. A drive that is off has no
-torque, and its goal follows the measured angle. In other drives the lag is between command and torque; here it acts on
-the goal, so that it affects the command only and not the feedback.
+c is the error itself, or what the terms of the catalogue let through. The integral z is constant during a tick (or a
+piece of it, where a command arrives within it), as in a drive that samples: it has its value in the middle, predicted
+with the error at the beginning, and advances by the trapezoidal rule. A drive that is off forgets it.
+
+The feedback uses the drive's own encoder, so an encoder error changes the torque as well as the log. kd acts as viscous
+friction while the drive is on, which the exponential integrator covers; gain, bias, saturation, c and z apply to the
+other torque only. A drive that is off has no torque, and its goal follows the measured angle. In other drives the lag
+is between command and torque; here it acts on the goal, so that it affects the command only and not the feedback.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ from via_core.signals import Array
 
 from via_sim.joint.compiled import bare
 from via_sim.joint.encoders import read_motion
-from via_sim.joint.parameters import P
+from via_sim.joint.parameters import POSITION_DRIVE, P
 from via_sim.joint.terms import corrected
 
 
@@ -31,17 +35,39 @@ def brake_inside(p: Array) -> float:
 
 
 @bare
-def drive_torque(p: Array, goal: float, power: float, q: float, w: float) -> float:
+def drive_torque(p: Array, goal: float, held: float, power: float, q: float, w: float) -> float:
     """Torque [N m] of the drive without - kd w, at link angle q [rad] and speed w [rad/s].
 
-    power is 1 (on), 0 (off) or a mean of these.
+    held is the integral [rad]; power is 1 (on), 0 (off) or a mean of these.
     """
     if power == 0.0:
         return 0.0
     measured, _ = read_motion(p, 0, q, 0.0)
     limit, brake = min(p[P.drive_torque_limit], p[P.saturation]), brake_inside(p) * w
-    pull = min(max(p[P.drive_stiffness] * corrected(p, goal - measured) - brake, -limit), limit) + brake
+    pull = min(max(p[P.drive_stiffness] * (corrected(p, goal - measured) + held) - brake, -limit), limit) + brake
     return power * (p[P.torque_gain] * pull + p[P.torque_bias])
+
+
+@bare
+def integral_reach(p: Array) -> float:
+    """Largest integral [rad]."""
+    return min(p[P.integral_limit], p[P.drive_torque_limit], p[P.saturation]) / p[P.drive_stiffness]
+
+
+@bare
+def integral_at_start(p: Array) -> float:
+    """Integral [rad] at the beginning of a run; 0 without integral action."""
+    if p[P.link_drive] != POSITION_DRIVE or p[P.integral_rate] <= 0.0:
+        return 0.0
+    reach = integral_reach(p)
+    return min(max(p[P.integral_start] / p[P.drive_stiffness], -reach), reach)
+
+
+@bare
+def integrated(p: Array, before: float, error: float, width: float) -> float:
+    """Integral [rad], `width` [s] later than `before`, under a mean error [rad]."""
+    reach = integral_reach(p)
+    return min(max(before + p[P.integral_rate] * width * error, -reach), reach)
 
 
 @bare

@@ -214,7 +214,7 @@ def motive_torques(
     link, first, second = u[EXTERNAL], u[M1], u[M2]
     load, load1, load2 = link - u[U.beside], 0.0, 0.0
     if has.rest is not None and p[P.link_drive] == POSITION_DRIVE:
-        load = drive_torque(p, u[U.acting], u[U.on], q, w)
+        load = drive_torque(p, u[U.acting], u[U.held], u[U.on], q, w)
         link, load = link + load, load - u[U.on] * p[P.drive_damping] * w
     if has.gravity is not None and p[P.gravity_torque] != 0.0:
         link -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])

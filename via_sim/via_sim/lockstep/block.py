@@ -19,7 +19,8 @@ from via_sim.joint.terms import terms_at
 _SIZES = {
     # at the beginning of the step: motion and torques of the elements with memory, in the order of the state; these
     # rows at the beginning of the tick; motion at the stage; velocities at the midpoint
-    "start": 6, "bristle": 3, "maxwell": 2, "lagged": 3, "behind": 1, "before": 15, "at": 6, "midpoint": 3,
+    "start": 6, "bristle": 3, "maxwell": 2, "lagged": 3, "behind": 1, "integral": 1, "before": 16,
+    "at": 6, "midpoint": 3,
     # torques at Krogstad's stages, and the weights of `kernel.weigh`
     "n": 3, "a": 3, "b": 3, "c": 3, "weight": 3 * PER_AXIS,
     # length of the step; of both pieces of a tick, where a dead time divides it: weights and the damping they are for,
@@ -43,6 +44,8 @@ _SIZES = {
     "target": 1, "acting": 1, "power": 1, "drive_torque": 1, "followed": 1, "trailing": 1, "slews": 1, "lags": 1,
     "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1, "drive_limit": 1, "drive_brake": 1,
     "drive_gain": 1, "drive_bias": 1,
+    # its integral: mean over a piece of a tick, error at the beginning of the piece, largest value
+    "held": 1, "first_error": 1, "integral_reach": 1, "integral_rate": 1,
     "drive_speed_limit": 1, "lag": 1, "eccentricity": 3 * ENCODER_HARMONICS,
     "eccentricity_order": 3 * ENCODER_HARMONICS, "eccentricity_phase": 3 * ENCODER_HARMONICS,
     # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap`,

@@ -45,6 +45,32 @@ def take_goals(z: Array, rare: int) -> None:
 
 
 @bare
+def begin_integrals(z: Array, rare: int, steps: int) -> None:
+    """Mean integrals of a piece of a tick with so many steps, see `position_drive`."""
+    put(z, Z.at, get(z, Z.start))
+    move_goals(z, 0)
+    error = get(z, Z.power) * (get(z, Z.acting) - read_link(z, rare))
+    put(z, Z.integral, get(z, Z.power) * get(z, Z.integral))
+    put(z, Z.first_error, error)
+    put(z, Z.held, _integrated(z, 0.5 * steps, error))
+
+
+@bare
+def end_integrals(z: Array, rare: int, steps: int) -> None:
+    """Integrals at the end of a piece of a tick."""
+    put(z, Z.at, get(z, Z.start))
+    error = get(z, Z.power) * (get(z, Z.trailing) - read_link(z, rare))
+    put(z, Z.integral, _integrated(z, 1.0 * steps, 0.5 * (get(z, Z.first_error) + error)))
+
+
+@bare
+def _integrated(z: Array, steps: float, error: Any) -> Any:
+    """Integrals after so many steps, as `position_drive.integrated`."""
+    reach = get(z, Z.integral_reach)
+    return min(max(get(z, Z.integral) + get(z, Z.integral_rate) * get(z, Z.length) * steps * error, -reach), reach)
+
+
+@bare
 def move_goals(z: Array, moment: int) -> None:
     """Acting goals at the beginning (0), the middle (1) or the end (2) of a step, as `position_drive.acting_goal`."""
     after, speed, lag = 0.5 * moment * get(z, Z.length), get(z, Z.drive_speed_limit), get(z, Z.lag)

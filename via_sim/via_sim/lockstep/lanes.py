@@ -21,7 +21,7 @@ from via_sim.joint.parameters import (
     TORQUE_DRIVE,
     P,
 )
-from via_sim.joint.position_drive import brake_inside, drive_torque
+from via_sim.joint.position_drive import brake_inside, drive_torque, integral_reach
 from via_sim.joint.step import PER_AXIS
 from via_sim.joint.structure import EVERYTHING
 from via_sim.joint.torques import deflection
@@ -52,6 +52,7 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
     z[Z.drive_damping, lane] = p[P.drive_damping] if p[P.link_drive] == POSITION_DRIVE else 0.0
     z[Z.drive_limit, lane] = min(p[P.drive_torque_limit], p[P.saturation])
     z[Z.drive_brake, lane] = brake_inside(p)
+    z[Z.integral_reach, lane] = integral_reach(p) if p[P.integral_rate] > 0.0 else 0.0
     limited, lags = p[P.drive_speed_limit] < inf, p[P.lag] > 0.0
     z[Z.slews, lane], z[Z.drive_speed_limit, lane] = limited, p[P.drive_speed_limit] if limited else 1.0
     z[Z.lags, lane], z[Z.lag, lane] = lags, p[P.lag] if lags else 1.0
@@ -122,6 +123,7 @@ def load_state(p: Array, x: Array, late: int, z: Array, lane: int) -> None:
         z[Z.lagged + axis, lane] = x[X.lag + axis]
     last = queued_at(x, int(x[X.tick]) % ((x.size - X.queue) // QUEUED), late + 1)
     z[Z.behind, lane], z[Z.target, lane], z[Z.power, lane] = x[X.behind], x[last + GOAL], x[last + POWER] > 0.5
+    z[Z.integral, lane], z[Z.held, lane] = x[X.integral], 0.0
     for i in range(2):
         phi, half = deflection(p, EVERYTHING, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
         z[Z.flank + i, lane] = 0.0 if half <= 0.0 or abs(phi) < half else (1.0 if phi > 0.0 else -1.0)
@@ -140,7 +142,7 @@ def store_state(p: Array, z: Array, row: int, lane: int, x: Array) -> None:
     """Copy motion and torques of the elements with memory from rows `row` (`Z.start` or `Z.before`) into state x."""
     for i in range(6):
         x[i] = z[row + i, lane]
-    for i in range(9 if p[P.lag] > 0.0 or _moves_goal(p) else 5):
+    for i in range(10 if p[P.lag] > 0.0 or _moves_goal(p) else 5):
         x[X.bristle + i] = z[row + 6 + i, lane]
 
 
@@ -186,7 +188,7 @@ def store_inputs(p: Array, x: Array, command: Array, z: Array, lane: int) -> Non
     drive_damping = z[Z.power, lane] * z[Z.drive_damping, lane]
     x[X.damping] = z[Z.damping, lane] - drive_damping
     if p[P.link_drive] == POSITION_DRIVE:
-        pull = drive_torque(p, z[Z.acting, lane], z[Z.power, lane], x[0], x[3])
+        pull = drive_torque(p, z[Z.acting, lane], z[Z.held, lane], z[Z.power, lane], x[0], x[3])
         x[X.external] += pull - drive_damping * x[3]
     elif p[P.lag] <= 0.0:
         for axis in range(3):
@@ -233,8 +235,9 @@ def is_simple(terms: Terms) -> bool:
 
 @bare
 def _moves_goal(p: Array) -> bool:
-    """Whether the goal of a position drive differs from the commanded one."""
-    return p[P.link_drive] == POSITION_DRIVE and (p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf)
+    """Whether the goal of a position drive differs from the commanded one, or has an integral beside it."""
+    moves = p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf or p[P.integral_rate] > 0.0
+    return p[P.link_drive] == POSITION_DRIVE and moves
 
 
 @bare

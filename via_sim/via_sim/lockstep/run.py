@@ -17,7 +17,7 @@ from via_sim.joint.parameters import NO_DAMPER, POSITION_DRIVE, P
 from via_sim.joint.step import N_WEIGHTS
 from via_sim.lockstep.block import N_ROWS, R, Z
 from via_sim.lockstep.damping import set_damping
-from via_sim.lockstep.goals import leave_goals, recall_goals, take_goals
+from via_sim.lockstep.goals import begin_integrals, end_integrals, leave_goals, recall_goals, take_goals
 from via_sim.lockstep.lanes import (
     begin_piece,
     divide_tick,
@@ -127,11 +127,15 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                     set_damping(runs.rows, piece, tick == 0, work.weights[0, 2], z)
                 if early > 0 or damped or tick == 0:
                     begin_piece(z, piece)
+                if terms.rare >> R.goal & 1:
+                    begin_integrals(z, terms.rare, steps)
                 for _ in range(steps):
                     if simple:
                         step(z, runs.rows, terms, sticks, None)
                     else:
                         step(z, runs.rows, terms, sticks, True)
+                if terms.rare >> R.goal & 1:
+                    end_integrals(z, terms.rare, steps)
             if terms.rare >> R.goal & 1:
                 leave_goals(z)
         left_out = together < count or any_above(choose(get(z, Z.margin), 0.0, get(z, Z.joins)), 0.0)

@@ -207,7 +207,7 @@ def _add_rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
     """Add the rare terms to three rows from `out` on."""
     if rare >> R.position & 1:  # `position_drive.drive_torque`
         reach, brake = get(z, Z.drive_limit), get(z, Z.drive_brake) * get(z, Z.at + 3)
-        torque = get(z, Z.drive_stiffness) * corrected(z, get(z, Z.acting) - read_link(z, rare))
+        torque = get(z, Z.drive_stiffness) * (corrected(z, get(z, Z.acting) - read_link(z, rare)) + get(z, Z.held))
         torque = min(max(torque - brake, -reach), reach) + brake
         put(z, Z.drive_torque, get(z, Z.power) * (get(z, Z.drive_gain) * torque + get(z, Z.drive_bias)))
         add(z, out, get(z, Z.drive_torque))

@@ -3,6 +3,7 @@
 from via_sim.catalogue.drive import (
     actuator_delay,
     actuator_lag,
+    integral_action,
     position_deadband,
     position_gain,
     speed_limit,
@@ -18,6 +19,7 @@ KINDS = tuple(
     for each in (
         torque_gain,
         position_gain,
+        integral_action,
         torque_bias,
         torque_ripple,
         torque_saturation,
