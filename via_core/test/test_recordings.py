@@ -12,7 +12,7 @@ from scipy.io import savemat
 from via_core.bags.definitions import typestore_of
 from via_core.bags.importing import import_recordings
 from via_core.bags.inspection import check, info
-from via_core.bags.joints import joint_signals
+from via_core.bags.joints import StampReport, joint_signals
 from via_core.bags.mapping import load_mapping
 from via_core.bags.reader import read_bag
 from via_core.bags.recording_checks import check_recording
@@ -524,3 +524,23 @@ def test_another_rate_than_that_of_the_file_is_reported(factor: float, severity:
     found = [each for each in check_recording(signals, None, device) if each.check == "rate"]
     assert [each.severity for each in found] == ([severity] if severity else [])
     assert all(words in each.text for each in found)
+
+
+@pytest.mark.parametrize(("goal", "unread"), [("goal", ("goal", "load")), ("equilibrium", ())])
+def test_columns_that_may_hold_the_commands_are_listed_where_there_are_none(
+    tmp_path: Path, goal: str, unread: tuple[str, ...]
+) -> None:
+    path = tmp_path / "run.csv"
+    frame = pandas.DataFrame({"time": TIME, "q": ANGLE, goal: ANGLE, "load": 0.0})
+    frame.to_csv(path, index=False)
+    device = load_device("xl330")
+    report = read_joint(path, device).reports[0]
+    assert report.unread == unread
+    said = [each.text for each in check(path, device) if each.check == "commands"]
+    assert said == ([f"no commands were recorded{report.hint}"] if unread else [])
+    assert not unread or "columns not read: goal, load: `via bag map`" in report.hint
+
+
+def test_a_hint_lists_a_few_columns() -> None:
+    report = StampReport("", 0, 1, 0, 0, 0, 1, unread=tuple("abcdefghij"))
+    assert "a, b, c, d, e, f, g, h and 2 more" in report.hint

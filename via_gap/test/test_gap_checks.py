@@ -41,6 +41,10 @@ def test_a_link_angle_that_never_changes_is_refused(clean):
 def test_a_log_without_any_drive_is_refused(clean):
     bare = Signals(clean.measured.time, {"q": clean.measured["q"]}, {"q": "rad"})
     assert findings(JointLog("bare", clean.device, bare, None))["drive"] == "refuse"
+    (found,) = [
+        f for f in check_log(JointLog("bare", clean.device, bare, None, hint="; see goal")) if f.check == "drive"
+    ]
+    assert found.text.endswith("record the commands; see goal")
 
 
 def test_an_angle_that_starts_again_after_each_turn_is_mentioned(clean):

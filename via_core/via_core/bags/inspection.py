@@ -94,6 +94,8 @@ def _check_table(path: Path, device: Device | None) -> list[Finding]:
     except SignalError as error:
         return [Finding("error", "joint", device.name, str(error), 1.0)]
     found = [*_dropped(reports[0], "time"), *check_samples(measured.time, {"q": measured["q"]}), *_turns(reports)]
+    if commands is None:
+        found.append(Finding("note", "commands", "joint", f"no commands were recorded{reports[0].hint}", 0.0))
     return [*found, *check_recording(measured, commands, device)]
 
 

@@ -25,6 +25,8 @@ from via_core.wire import (
     seconds,
 )
 
+SHOWN = 8  # columns that a hint lists
+
 
 @dataclass(frozen=True)
 class StampReport:
@@ -37,6 +39,7 @@ class StampReport:
     backward   messages dropped because an earlier one has a later stamp
     kept       samples in the Signals
     passed     how often an angle passed the end of its turn, by channel; these angles were made continuous
+    unread     columns of a table without commands that no channel uses: one of them may hold the commands
     """
 
     topic: str
@@ -47,6 +50,15 @@ class StampReport:
     backward: int
     kept: int
     passed: Mapping[str, int] = field(default_factory=dict)
+    unread: tuple[str, ...] = ()
+
+    @property
+    def hint(self) -> str:
+        """What may hold the commands of a recording that seems to have none, as the rest of a sentence."""
+        if not self.unread:
+            return ""
+        more = f" and {len(self.unread) - SHOWN} more" if len(self.unread) > SHOWN else ""
+        return f"; columns not read: {', '.join(self.unread[:SHOWN])}{more}: `via bag map` writes the entries for them"
 
 
 class JointRecording(NamedTuple):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +60,8 @@ def joint_of(tables: Tables, device: Device, file: str, bag: bool = False) -> Jo
             named = {n: e for n, (t, e) in mine.items() if t == table}
             part = _signals(time, tables[table].iloc[rows], named, device, file, is_command)
             signals[is_command] = part if is_command not in signals else signals[is_command].joined(part)
+    if True not in signals:
+        reports[0] = replace(reports[0], unread=_unread(tables, columns))
     turns = {name: entry.turn for name, (_, entry) in columns.items()}
     return JointRecording(signals[False], signals.get(True), tuple(reports)).made_continuous(turns)
 
@@ -164,6 +167,14 @@ def _numbers(frame: DataFrame, column: str, file: str) -> Array:
         return numbers(frame, column)
     except SignalError as error:
         raise SignalError(f"{file}: {error}") from None
+
+
+def _unread(tables: Tables, columns: Mapping[Channel, tuple[str, WireColumn]]) -> tuple[str, ...]:
+    """Names of the columns that neither a channel nor the time uses."""
+    used = {(table, name) for table, entry in columns.values() for name in (entry.column, entry.enable)}
+    times = {(table, guess.column) for table, frame in tables.items() if (guess := guess_time(frame)) is not None}
+    every = ((table, str(name)) for table, frame in tables.items() for name in frame.columns)
+    return tuple(name for table, name in every if (table, name) not in used | times)
 
 
 def _available(tables: Tables, bag: bool) -> str:

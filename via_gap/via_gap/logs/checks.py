@@ -50,6 +50,7 @@ def _stamps(log: JointLog) -> Iterator[Finding]:
 def _channels(log: JointLog) -> Iterator[Finding]:
     if not log.drivable:
         text = "neither commands nor motor torques were recorded, so that nothing can be simulated: record the commands"
+        text += log.hint
         yield log.finding("drive", "commands", "refuse", 0.0, text)
     for name, values, _ in log.angles:
         seen = np.isfinite(values)

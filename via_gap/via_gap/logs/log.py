@@ -38,6 +38,7 @@ class JointLog:
     commands: Signals | None
     dropped: tuple[int, int] = (0, 0)  # number of samples left out: repeated stamps, stamps that ran backward
     passed: Mapping[str, int] = field(default_factory=dict)  # by channel: ends of turns that were made continuous
+    hint: str = ""  # columns that may hold the commands of a log without, see `StampReport.hint`
     disbelieved: tuple[int, ...] = ()  # motors whose encoder jumps: their angles count as not measured
     # [s] delay of commands (or torques in their place) that are interpolated linearly between samples;
     # None: zero-order hold (`via_gap.logs.between`)
@@ -49,7 +50,7 @@ class JointLog:
         measured, commands, reports = recording
         dropped = (sum(report.repeated for report in reports), sum(report.backward for report in reports))
         passed = {channel: count for report in reports for channel, count in report.passed.items()}
-        return JointLog(name, device, measured, commands, dropped, passed)
+        return JointLog(name, device, measured, commands, dropped, passed, reports[0].hint)
 
     def __post_init__(self) -> None:
         if len(self.measured) < 2:

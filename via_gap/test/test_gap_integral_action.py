@@ -1,0 +1,78 @@
+"""Integral action of a position drive is found, and of a drive known to have it the start is no gap."""
+
+import numpy as np
+import pytest
+from gap_logs import positioned
+from via_core.signals import Signals
+from via_gap.diagnosis import diagnose
+from via_gap.logs.log import JointLog
+from via_gap.residual.nuisance import nuisances
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.run.arm_equation import _drive_torque
+from via_sim.effects import Effect
+from via_sim.joint.parameters import P
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import InitialConditions, simulate
+
+RATE, KI, LATER = 500.0, 24.0, 1000  # [Hz], [N m/(rad s)], [samples]
+
+
+def with_integral(ki: float = KI, **more: float):
+    device = positioned()
+    assert device.servo is not None
+    return device.model_copy(update={"servo": device.servo.model_copy(update={"ki": ki, **more})})
+
+
+def recorded(device, effects=(), seed: int = 5) -> JointLog:
+    """A log that begins two seconds after the drive was switched on, when its integral holds the link."""
+    time = np.arange(8000) / RATE
+    goal = 0.9 + 0.5 * np.sin(1.3 * time) + 0.3 * np.sin(3.1 * time) + 0.1 * np.sign(np.sin(0.8 * time))
+    commands = Signals(time, {"equilibrium": goal}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
+    plant = JointPlant.from_device(device).with_effects(effects)
+    begin = InitialConditions([goal[0], 0.0, 0.0, 0.0, 0.0, 0.0], seed=seed)
+    measured = simulate(plant, commands, time[-1], RATE, Sensors.of_device(device), begin).measured
+    time = time[: len(measured) - LATER]
+    later = Signals(time, {"q": measured["q"][LATER:]}, {"q": "rad"})
+    return JointLog("log", device, later, Signals(time, {"equilibrium": goal[LATER:]}, commands.units, commands.held))
+
+
+def test_integral_action_is_found_with_its_torque_at_the_beginning():
+    truth = with_integral()
+    log = recorded(truth)
+    report = diagnose([JointLog("log", positioned(), log.measured, log.commands)], positioned())
+    assert [each.effect for each in report.effects] == ["integral_action"]
+    (cause,) = [each for each in report.causes if each.effect == "integral_action"]
+    rate, start = cause.parameters["rate"], cause.parameters["start"]
+    assert rate.value == pytest.approx(KI / 12.0, rel=0.03)
+    assert start.value > 0.3  # it held the weight of the link
+
+
+def test_the_torque_of_a_known_integral_at_the_beginning_is_no_gap():
+    report = diagnose([recorded(with_integral())], with_integral())
+    assert report.verdict == "no_gap"
+    assert "servo integral at the start" not in [each.name for each in report.nuisance]
+
+
+def test_only_a_drive_with_integral_action_has_a_start_within_its_limits():
+    known = {device.servo.ki: nuisances(JointPlant.from_device(device)) for device in (positioned(), with_integral())}
+    assert [n.name for n in known[KI][len(known[0.0]) :]] == ["servo integral at the start"]
+    model = ResidualModel.of_plant(JointPlant.from_device(with_integral(integral_limit=0.6)))
+    offsets = np.zeros(len(model.nuisances))
+    offsets[-1] = 1.3
+    assert model.row((), offsets)[P.integral_start] == pytest.approx(0.6)
+    assert model.repaired(offsets) == model.device
+
+
+def test_an_arm_does_not_know_the_torque_of_a_drive_with_integral_action():
+    log = recorded(positioned())
+    q = log.measured["q"]
+    known = _drive_torque(log, q, 0.0 * q)
+    unknown = _drive_torque(JointLog("log", with_integral(), log.measured, log.commands), q, 0.0 * q)
+    assert np.isfinite(known).all() and np.isnan(unknown).all()
+
+
+def test_a_wrong_payload_beside_a_known_integral_is_found():
+    heavy = Effect("payload", "link", {"mass": 0.5, "distance": 0.2})
+    report = diagnose([recorded(with_integral(), [heavy])], with_integral())
+    assert [each.effect for each in report.effects] == ["payload"]
