@@ -89,6 +89,8 @@ class PositionDrive(Record):
         tau = clip(kp (goal - q) + i - kd qd, -torque_limit, torque_limit)      limited: sum, as in MuJoCo and Gazebo
         di/dt = ki (goal - q),  |i| <= integral_limit and torque_limit
 
+    With `feedforward` f, f kd d(goal)/dt is added to kp (goal - q); at 1, kd acts on the derivative of the error.
+
     `goal` is the command of `delay` seconds ago. A NaN goal switches the drive off: its torque is zero. For a DC servo
     with supply voltage V, torque constant kt and resistance R (seen at the joint) whose duty cycle is proportional to
     the error: kp = kt V/R times duty per error, torque_limit = kt V/R (full duty), kd = kt^2/R (back EMF).
@@ -99,9 +101,17 @@ class PositionDrive(Record):
     ki: NotNegative = 0.0  # [N m/(rad s)]
     torque_limit: Positive | None = None  # [N m]; None: unknown
     integral_limit: Positive | None = None  # [N m]; None: no other than torque_limit
+    feedforward: NotNegative = 0.0  # share of kd that acts on the speed of the goal
     limited: Literal["proportional", "sum"] = "proportional"
     speed_limit: Positive | None = None  # [rad/s] slew rate of the drive's internal goal; None: unknown
     delay: Annotated[float, Field(strict=True, ge=0.0, le=0.1)] = 0.0  # [s] dead time of the goal
+
+    def led(self, goal: Array, time: Array) -> Array:
+        """Goals (N,) [rad] at `time` (N,) [s] with their feedforward; the speed of a goal is that of its change."""
+        if self.feedforward == 0.0 or len(goal) < 2:
+            return goal
+        speed = np.diff(goal, prepend=goal[:1]) / np.diff(time, prepend=2.0 * time[0] - time[1])
+        return np.asarray(goal + self.feedforward * self.kd / self.kp * np.nan_to_num(speed))
 
     def torque(self, error: Array, speed: Array) -> Array:
         """Torque [N m] at errors goal - q [rad] and speeds [rad/s], without the integral."""

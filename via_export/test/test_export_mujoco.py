@@ -85,6 +85,7 @@ NOT_HELD = (
     (CUBIC, e("stiffness_drift", "transmission", 1, rate=-0.8)),
     (PENDULUM, e("torque_deadband", "motor", 1, threshold=1.0)),
     (SERVO, e("position_deadband", "motor", 1, width=0.2)),
+    (SERVO, e("velocity_feedforward", "motor", 1, share=1.0)),
     (CUBIC, e("gear_error", "transmission", 1, amplitude=0.1, order=3.0, phase=0.4)),
     (SERVO, e("load_dependent_friction", "link", coefficient=0.3)),
 )

@@ -19,6 +19,7 @@ TITLES = {
     "ros2_control": "ros2_control",
 }  # fmt: skip
 NO_PHYSICS = "- holds no physics; belongs into the simulator's model"
+NO_FEEDFORWARD = "- kd acts on the speed of the joint alone; add share times kd times the goal's speed at run time"
 NO_INTEGRAL = "- the drive has no integral; a custom actuator class can add it"
 Kind = Literal["slot", "substitute", "none"]
 Applies = Callable[[Target, Effect | None], bool]

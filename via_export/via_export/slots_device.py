@@ -7,7 +7,7 @@ from math import prod
 from via_core.device_parts import Linear
 from via_sim.effects import Effect
 
-from via_export.slots import NO_INTEGRAL, by_levers, position_drive, row, servo
+from via_export.slots import NO_FEEDFORWARD, NO_INTEGRAL, by_levers, position_drive, row, servo
 from via_export.target import Target
 
 CONSTANT = "stiffness does not change with the deflection or the preset"
@@ -42,6 +42,10 @@ def _scaled(target: Target, _effect: Effect | None) -> bool:
     """Whether the torque scale of the file, with the factor that a diagnosis fitted, is not 1."""
     factors = (effect.parameters.get("torque scale", 1.0) for effect in target.effects)
     return prod(factors, start=target.device.torque_scale) != 1.0
+
+
+def _follows_speed(target: Target, _effect: Effect | None) -> bool:
+    return target.device.servo is not None and target.device.servo.feedforward > 0.0
 
 
 def _integrates(target: Target, _effect: Effect | None) -> bool:
@@ -134,6 +138,13 @@ DEVICE_ROWS = (
         sdf="= JointPositionController p_gain, d_gain", isaaclab="= stiffness, damping",
         bam="= kt and R with --supply; the gain of the firmware belongs to the actuator class",
         ros2_control="= pid_controller gains p, d",
+    ),
+    row(
+        "servo: feedforward", "position drive", _follows_speed,
+        mjcf=NO_FEEDFORWARD, bam=NO_FEEDFORWARD, urdf="- gains belong to the controller",
+        sdf="~ JointPositionController d_gain | acts on the derivative of the error, which is a share of 1",
+        isaaclab="~ velocity targets | set them to the speed of the goal times the share at run time",
+        ros2_control="~ velocity references | set them to the speed of the goal times the share at run time",
     ),
     row(
         "servo: ki", "position drive", _integrates,

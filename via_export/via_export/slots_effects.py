@@ -7,7 +7,7 @@ from math import isfinite
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P
 
-from via_export.slots import NO_INTEGRAL, by_levers, position_drive, row, servo
+from via_export.slots import NO_FEEDFORWARD, NO_INTEGRAL, by_levers, position_drive, row, servo
 from via_export.target import Target
 
 READING = "- apply it where you read the encoder"
@@ -218,6 +218,13 @@ EFFECT_ROWS = (
         mjcf="= kp of the actuator", urdf="- gains belong to the controller", sdf="= JointPositionController p_gain",
         isaaclab="= stiffness", bam="- the gain of the firmware belongs to the actuator class",
         ros2_control="= pid_controller gain p",
+    ),
+    row(
+        "velocity_feedforward",
+        mjcf=NO_FEEDFORWARD, bam=NO_FEEDFORWARD, urdf="- gains belong to the controller",
+        sdf="~ JointPositionController d_gain | acts on the derivative of the error, which is a share of 1",
+        isaaclab="~ velocity targets | set them to the speed of the goal times the share at run time",
+        ros2_control="~ velocity references | set them to the speed of the goal times the share at run time",
     ),
     row(
         "integral_action",

@@ -76,3 +76,25 @@ def test_a_wrong_payload_beside_a_known_integral_is_found():
     heavy = Effect("payload", "link", {"mass": 0.5, "distance": 0.2})
     report = diagnose([recorded(with_integral(), [heavy])], with_integral())
     assert [each.effect for each in report.effects] == ["payload"]
+
+
+def test_a_drive_whose_damping_follows_the_goal_is_found():
+    log = recorded(positioned(), [Effect("velocity_feedforward", "motor", {"share": 1.0}, 1)])
+    report = diagnose([JointLog("log", positioned(), log.measured, log.commands)], positioned())
+    assert [each.effect for each in report.effects] == ["velocity_feedforward"]
+    share = report.causes[0].parameters["share"]
+    assert abs(share.value - 1.0) < 2.0 * share.sd
+    assert share.sd > 0.9 * 0.5 / 1.96 / RATE * 12.0 / 0.4  # half a sample, if commands were lines or steps
+
+
+def test_an_arm_takes_the_goal_with_its_feedforward():
+    log = recorded(positioned())
+    q, goal = log.measured["q"], log.commands["equilibrium"]
+    plain, led = (
+        _drive_torque(JointLog("log", with_integral(0.0, feedforward=f), log.measured, log.commands), q, 0.0 * q)
+        for f in (0.0, 1.0)
+    )
+    delay = 4  # ticks of .0073 s
+    expected = 0.4 * np.diff(goal)[:1000] * RATE
+    free = np.abs(led[delay + 1 : delay + 1001]) < 4.0  # within the torque limit
+    np.testing.assert_allclose((led - plain)[delay + 1 : delay + 1001][free], expected[free], atol=1e-9)

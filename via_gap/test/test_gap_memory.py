@@ -60,10 +60,13 @@ def test_shots_cut_out_of_a_log_know_what_was_held_before_them(effect):
 
 SLOW = Effect("speed_limit", "command", {"limit": 0.6})
 LAG = Effect("actuator_lag", "command", {"time_constant": 0.2})
+AHEAD = Effect("velocity_feedforward", "motor", {"share": 0.5}, 1)
 INTEGRAL = Effect("integral_action", "motor", {"rate": 2.0, "start": 0.1}, 1)
 
 
-@pytest.mark.parametrize("effects", [(SLOW,), (LAG,), (SLOW, LAG), (INTEGRAL,), (SLOW, LAG, INTEGRAL)], ids=str)
+@pytest.mark.parametrize(
+    "effects", [(SLOW,), (LAG,), (SLOW, LAG), (INTEGRAL,), (SLOW, LAG, INTEGRAL), (SLOW, AHEAD)], ids=str
+)
 def test_a_goal_is_as_far_behind_as_in_the_simulator_and_so_is_the_integral(effects):
     """Through a interval in which the drive is off, at ticks in any order."""
     device = positioned()

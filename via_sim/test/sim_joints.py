@@ -107,6 +107,7 @@ SIZES = {
     "position_deadband": {"width": 0.1},
     "position_gain": {"gain": 0.8},
     "integral_action": {"rate": 3.0, "start": 0.2},
+    "velocity_feedforward": {"share": 0.7},
     "actuator_lag": {"time_constant": 0.02},
     "actuator_delay": {"delay": 0.0043},
     "speed_limit": {"limit": 2.5},

@@ -21,6 +21,7 @@ SERVOS = (
     "{kp: 4.0, kd: 0.1, speed_limit: 3.0, delay: 0.0023}",
     "{kp: 4.0, kd: 0.1, torque_limit: 1.0, limited: sum}",
     "{kp: 4.0, kd: 0.1, ki: 8.0, integral_limit: 0.4}",
+    "{kp: 4.0, kd: 0.1, feedforward: 1.0, delay: 0.0023}",
 )
 
 

@@ -145,6 +145,7 @@ def _row_of(device: Device) -> Array:
         row[P.delay] = device.servo.delay
         row[P.integral_rate] = device.servo.ki / device.servo.kp
         row[P.integral_limit] = device.servo.integral_limit or np.inf
+        row[P.feedforward] = device.servo.feedforward
     row[P.serial] = float(device.arrangement == "serial")
     row[P.transmissions] = device.n_transmissions
     for i, spring_law in enumerate(device.spring_laws):

@@ -146,7 +146,7 @@ def initial_state(plant: JointPlant, rate: float, initial: ArrayLike | None, see
     motion = np.zeros(6) if initial is None else np.asarray(initial, dtype=np.float64)
     if motion.shape != (6,) or not np.all(np.isfinite(motion)):
         raise ParameterError(f"initial must be 6 finite numbers (three angles, three velocities), got {initial!r}")
-    queue = ceil(MAX_DELAY * rate) + 2
+    queue = ceil(MAX_DELAY * rate) + 3
     state = np.zeros(X.queue + QUEUED * queue)
     kinds = np.tile(plant.parameters[P.axis_kind : P.axis_kind + 3], 2)
     state[:6] = np.where(kinds == ABSENT, 0.0, motion)

@@ -35,16 +35,20 @@ def in_units(covariance: Array, sd: Array, size: Array) -> Array:
 
 
 def delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
-    """(p,) standard deviation of a delay by what is not known of the commands between samples; 0 for others.
+    """(p,) standard deviation of a delay or lead by what is not known of the commands between samples; 0 for others.
 
     The motion shows the sum of the delay of commands, the lag of the drive, and the delay of a single encoder's stamps.
     Whether a log contains every command is not known: one of many commands, held until the next, acts late by up to
-    half a period on average.
+    half a period on average. A goal that leads looks like commands that are lines, and lines like steps that lead.
     """
     segments = problem.views[0].segments
     late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
     sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
-    return np.where([location.name in late for location in locations for _ in location.parameters], sd, 0.0)
+    sds = dict.fromkeys(late, sd)
+    servo = problem.device.servo
+    if servo is not None and servo.kd > 0.0:
+        sds["velocity_feedforward"] = STEPS_SD * period_of(segments.log) * servo.kp / servo.kd
+    return np.array([sds.get(location.name, 0.0) for location in locations for _ in location.parameters])
 
 
 def clustered_covariance(problem: ResidualModel, slopes: Array, residual: Array, normal: Array, first: int) -> Array:

@@ -14,7 +14,7 @@ from via_sim.joint.friction import dry_friction
 from via_sim.joint.layout import GOAL, POWER, U, X
 from via_sim.joint.measurements import hermite
 from via_sim.joint.parameters import P
-from via_sim.joint.position_drive import acting_goal, followed, integral_at_start, integrated, mean_followed
+from via_sim.joint.position_drive import acting_goal, followed, integral_at_start, integrated, led, mean_followed
 
 
 @bare
@@ -77,9 +77,14 @@ def mean_goal(p: Array, sent: Any, at: Any, begin: float, width: float, measured
         while at[0] < last and times[at[0] + 1] <= now:
             at[0] += 1
         span = end - now if at[0] == last else min(times[at[0] + 1], end) - now
+        rising = times[at[0]] + width - now  # [s] for which the change to this command lasts, one period
+        if 0.0 < rising < span and p[P.feedforward] != 0.0:
+            span = rising
         share = span / width if width > 0.0 else 1.0
         if commands[at[0], POWER] > 0.5:
             commanded, follows, lags = commands[at[0], GOAL], x[X.behind], x[X.lag]
+            if rising > 0.0 and at[0] > 0 and commands[at[0] - 1, POWER] > 0.5:
+                commanded = led(p, commanded, commands[at[0] - 1, GOAL], width)
             x[X.behind] = followed(p, commanded, follows, span)
             x[X.lag] = acting_goal(p, commanded, follows, lags, span)
             mean = mean_followed(p, commanded, follows, span)
@@ -93,7 +98,7 @@ def mean_goal(p: Array, sent: Any, at: Any, begin: float, width: float, measured
             x[X.behind] = x[X.lag] = measured
             x[X.integral] = 0.0
         now += span
-        if at[0] == last or times[at[0] + 1] >= end:
+        if now >= end or width <= 0.0:
             break
     u[U.on], u[U.acting], u[U.held] = on, measured, 0.0
     if on > 0.0:

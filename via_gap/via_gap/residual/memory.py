@@ -21,7 +21,7 @@ from via_sim.joint.compiled import compiled
 from via_sim.joint.layout import GOAL, HISTORY, N_MODES, POWER, X
 from via_sim.joint.measurements import stride
 from via_sim.joint.parameters import POSITION_DRIVE, P
-from via_sim.joint.position_drive import acting_goal, followed, integral_at_start, integrated
+from via_sim.joint.position_drive import acting_goal, followed, integral_at_start, integrated, led
 from via_sim.joint.torques import remember
 
 HELD = 5  # bristles of link, motor 1, motor 2; Maxwell elements of transmission 1, 2
@@ -29,8 +29,10 @@ TORQUES = np.r_[P.bristle_torque : P.bristle_torque + 3, P.hysteresis_torque : P
 STIFFNESSES = np.r_[P.bristle_stiffness : P.bristle_stiffness + 3, P.hysteresis_stiffness : P.hysteresis_stiffness + 2]
 # Slots of a row that matter for each: most rows of a fit differ in others.
 ELEMENTS = np.r_[TORQUES, STIFFNESSES]
-GOAL_NUMBERS = np.array([P.delay, P.lag, P.drive_speed_limit, P.integral_rate, P.integral_start, P.integral_limit,
-                         P.drive_torque_limit, P.saturation, P.drive_stiffness])  # fmt: skip
+GOAL_NUMBERS = np.array([
+    P.delay, P.lag, P.drive_speed_limit, P.integral_rate, P.integral_start, P.integral_limit, P.drive_torque_limit,
+    P.saturation, P.drive_stiffness, P.drive_damping, P.feedforward,
+])  # fmt: skip
 
 
 def torques_along(rows: Array, angles: Array, ticks: Indices) -> Array:
@@ -86,6 +88,7 @@ def _integrate(angles: Array, rows: Array, ticks: Array, out: Array) -> None:
 def with_late_goal(rows: Array) -> Array:
     """(K,) whether the goal of a row's position drive can differ from its delayed command, or it has an integral."""
     slow = (rows[:, P.lag] > 0.0) | np.isfinite(rows[:, P.drive_speed_limit]) | (rows[:, P.integral_rate] > 0.0)
+    slow |= rows[:, P.feedforward] != 0.0
     return np.asarray(slow & (rows[:, P.link_drive] == POSITION_DRIVE))
 
 
@@ -137,6 +140,8 @@ def _follow(commands: Array, measured: Array, rows: Array, ticks: Array, out: Ar
                         continue
                     if commands[held, POWER] > 0.5:
                         goal = commands[held, GOAL]
+                        if held > 0 and commands[held - 1, POWER] > 0.5:
+                            goal = led(p, goal, commands[held - 1, GOAL], period)
                         before = acting_goal(p, goal, follows, lags, 0.0)
                         lags = acting_goal(p, goal, follows, lags, span)
                         follows = followed(p, goal, follows, span)

@@ -279,7 +279,7 @@ class Rollout:
     def _initial(self, ticks: Indices, sent: Array, under: Indices) -> Array:
         """State rows (n, .) at ticks: measured axes, unmeasured motors at their command, queues of delayed commands."""
         segments, kinds = self.segments, self.segments.nominal[P.axis_kind :]
-        length = ceil(MAX_DELAY * segments.rate) + 2
+        length = ceil(MAX_DELAY * segments.rate) + 3
         states = np.zeros((len(ticks), X.queue + QUEUED * length))
         states[:, X.tick] = ticks
         known = np.isfinite(segments.rest)

@@ -25,7 +25,7 @@ import numpy as np
 import pinocchio
 from scipy.stats import norm
 from scipy.stats import t as student
-from via_core.signals import Array
+from via_core.signals import Array, Signals
 
 from via_gap.logs.log import JointLog
 from via_gap.run.arm_model import Arm, body_of, smoothed_motion, under, velocity_noise
@@ -198,7 +198,8 @@ def _drive_torque(log: JointLog, angle: Array, velocity: Array) -> Array:
         return np.asarray(log.torque[:, 0])
     if servo is None or servo.ki > 0.0 or sent is None or "equilibrium" not in sent:
         return np.full(len(angle), np.nan)
-    goal = sent.resample(log.measured.time - servo.delay)["equilibrium"]
+    led = Signals(sent.time, {"goal": servo.led(sent["equilibrium"], sent.time)}, {"goal": "rad"}, frozenset({"goal"}))
+    goal = led.resample(log.measured.time - servo.delay)["goal"]
     return servo.torque(goal - angle, velocity)
 
 

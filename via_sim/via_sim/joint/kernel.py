@@ -40,7 +40,7 @@ from via_sim.joint.layout import (
 )
 from via_sim.joint.measurements import observe, record, stride
 from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
-from via_sim.joint.position_drive import acting_goal, drive_torque, followed, integrated
+from via_sim.joint.position_drive import acting_goal, drive_torque, followed, integrated, led
 from via_sim.joint.smooth import run_smooth
 from via_sim.joint.step import N_WEIGHTS, krogstad_step
 from via_sim.joint.structure import EVERYTHING, structure_of
@@ -152,7 +152,10 @@ def _advance(p: Array, x: Array, u: Array, h: float, modes: Array, weights: Arra
 
 @bare
 def recall_goal(p: Array, x: Array, last: int, u: Array) -> None:
-    """Goal of a position drive at the end of the last tick, whose command is at `last` of x, into u."""
+    """Goal of a position drive at the end of the last tick, whose command is at `last` of x, into u.
+
+    The distance in the state is that from the command itself, without its feedforward.
+    """
     u[U.followed], _ = read_motion(p, 0, x[0], x[3])  # goal of a drive that was off
     u[U.lagged] = u[U.followed]
     if x[last + POWER] > 0.5:
@@ -161,9 +164,11 @@ def recall_goal(p: Array, x: Array, last: int, u: Array) -> None:
 
 
 @bare
-def take_goal(p: Array, x: Array, queued: int, u: Array) -> None:
-    """Command of a position drive, at `queued` of x, into u (N_INPUTS,)."""
+def take_goal(p: Array, x: Array, queued: int, before: int, u: Array) -> None:
+    """Command of a position drive, at `queued` of x and `before` it, into u (N_INPUTS,)."""
     u[U.target], u[U.on] = x[queued + GOAL], 1.0 if x[queued + POWER] > 0.5 else 0.0
+    if x[before + POWER] > 0.5:
+        u[U.target] = led(p, u[U.target], x[before + GOAL], p[P.tick])
     if u[U.on] == 0.0:
         u[U.target], _ = read_motion(p, 0, x[0], x[3])
         u[U.followed] = u[U.lagged] = u[U.target]
@@ -229,7 +234,7 @@ def _take_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weigh
             u[i] = x[queued + i] if p[P.axis_kind + 1 + i] == SERVO else 0.0
             u[U.target + 1 + i] = saturated(p, 1 + i, min(max(x[queued + i], -limit), limit))
         if positioned:
-            take_goal(p, x, queued, u)
+            take_goal(p, x, queued, queued_at(x, slot, whole + 2 - piece), u)
         supply(p, EVERYTHING, modes, x, u, 0.0)
         if positioned:
             error = u[U.on] * goal_error(p, x, u[U.acting])
@@ -254,7 +259,8 @@ def _take_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weigh
         if positioned:
             x[X.external] += drive_torque(p, u[U.acting], u[U.held], u[U.on], x[0], x[3])
             x[X.external] -= u[U.on] * p[P.drive_damping] * x[3]
-            x[X.behind], x[X.lag] = u[U.target] - u[U.followed], u[U.followed] - u[U.lagged]
+            sent = x[queued_at(x, slot, whole) + GOAL] if u[U.on] > 0.5 else u[U.target]
+            x[X.behind], x[X.lag] = sent - u[U.followed], u[U.followed] - u[U.lagged]
         elif modes[MODE.lags] == 0:
             for axis in range(3):
                 x[X.lag + axis] = u[U.target + axis]

@@ -1,12 +1,15 @@
 """A position drive on the link of a rigid joint: from commanded goal to torque on the link.
 
-    goal -> dead time -> speed limit -> lag -> clip(kp (c(e) + z), limits) -> gain, bias -> link; - kd qd
-                                               clip(kp (c(e) + z) - kd qd, limits) + kd qd    limited: sum
-    e = goal - measured,  dz/dt = (ki / kp) e,  |kp z| <= limit of the integral and of the torque
+    goal g -> dead time -> g + f (kd / kp) dg/dt -> speed limit -> lag -> torque
+    torque = clip(kp (c(e) + z), limits) - kd qd                   e = goal - measured
+             clip(kp (c(e) + z) - kd qd, limits)                   limited: sum
+    dz/dt = (ki / kp) e,  |kp z| <= limit of the integral and of the torque
 
 c is the error itself, or what the terms of the catalogue let through. The integral z is constant during a tick (or a
 piece of it, where a command arrives within it), as in a drive that samples: it has its value in the middle, predicted
-with the error at the beginning, and advances by the trapezoidal rule. A drive that is off forgets it.
+with the error at the beginning, and advances by the trapezoidal rule. A drive that is off forgets it. The speed of the
+goal is its change from command to command over a tick; with the feedforward f = 1, kd acts on the derivative of the
+error.
 
 The feedback uses the drive's own encoder, so an encoder error changes the torque as well as the log. kd acts as viscous
 friction while the drive is on, which the exponential integrator covers; gain, bias, saturation, c and z apply to the
@@ -68,6 +71,12 @@ def integrated(p: Array, before: float, error: float, width: float) -> float:
     """Integral [rad], `width` [s] later than `before`, under a mean error [rad]."""
     reach = integral_reach(p)
     return min(max(before + p[P.integral_rate] * width * error, -reach), reach)
+
+
+@bare
+def led(p: Array, goal: float, before: float, period: float) -> float:
+    """Goal [rad] with its feedforward, of a command `period` [s] after the one with the goal `before`."""
+    return goal + p[P.feedforward] * p[P.drive_damping] / p[P.drive_stiffness] * (goal - before) / period
 
 
 @bare

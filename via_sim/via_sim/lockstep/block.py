@@ -44,6 +44,8 @@ _SIZES = {
     "target": 1, "acting": 1, "power": 1, "drive_torque": 1, "followed": 1, "trailing": 1, "slews": 1, "lags": 1,
     "encoder_offset": 3, "drive_stiffness": 1, "drive_damping": 1, "drive_limit": 1, "drive_brake": 1,
     "drive_gain": 1, "drive_bias": 1,
+    # its command and the one before, without feedforward, and whether that was on; goal per difference of both
+    "sent": 1, "sent_before": 1, "on_before": 1, "lead": 1,
     # its integral: mean over a piece of a tick, error at the beginning of the piece, largest value
     "held": 1, "first_error": 1, "integral_reach": 1, "integral_rate": 1,
     "drive_speed_limit": 1, "lag": 1, "eccentricity": 3 * ENCODER_HARMONICS,

@@ -29,7 +29,7 @@ def recall_goals(z: Array, rare: int) -> None:
     """Goals at the end of the last tick, from its command and the distances from it, as `kernel.recall_goal`."""
     put(z, Z.at, get(z, Z.start))
     measured, power = read_link(z, rare), get(z, Z.power)
-    followed = choose(power, get(z, Z.target) - get(z, Z.behind), measured)
+    followed = choose(power, get(z, Z.sent) - get(z, Z.behind), measured)
     put(z, Z.followed, followed)
     put(z, Z.trailing, choose(power, followed - get(z, Z.lagged), measured))
 
@@ -39,7 +39,9 @@ def take_goals(z: Array, rare: int) -> None:
     """Commands of a piece of a tick, as `kernel.take_goal`; a goal without a speed limit is there at once."""
     put(z, Z.at, get(z, Z.start))
     measured, power = read_link(z, rare), get(z, Z.power)
-    put(z, Z.target, choose(power, get(z, Z.target), measured))
+    sent, step = get(z, Z.sent), get(z, Z.sent) - get(z, Z.sent_before)
+    put(z, Z.target, choose(power, sent + get(z, Z.lead) * get(z, Z.on_before) * step, measured))
+    put(z, Z.sent, choose(power, sent, measured))
     put(z, Z.followed, choose(power * get(z, Z.slews), get(z, Z.followed), get(z, Z.target)))
     put(z, Z.trailing, choose(power, get(z, Z.trailing), measured))
 
@@ -94,7 +96,7 @@ def keep_goals(z: Array) -> None:
 @bare
 def leave_goals(z: Array) -> None:
     """Distances of the goals from the command at the end of a tick, which the state holds."""
-    put(z, Z.behind, get(z, Z.target) - get(z, Z.followed))
+    put(z, Z.behind, get(z, Z.sent) - get(z, Z.followed))
     put(z, Z.lagged, get(z, Z.followed) - get(z, Z.trailing))
 
 

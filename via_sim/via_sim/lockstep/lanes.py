@@ -21,7 +21,7 @@ from via_sim.joint.parameters import (
     TORQUE_DRIVE,
     P,
 )
-from via_sim.joint.position_drive import brake_inside, drive_torque, integral_reach
+from via_sim.joint.position_drive import brake_inside, drive_torque, integral_reach, led
 from via_sim.joint.step import PER_AXIS
 from via_sim.joint.structure import EVERYTHING
 from via_sim.joint.torques import deflection
@@ -52,6 +52,7 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
     z[Z.drive_damping, lane] = p[P.drive_damping] if p[P.link_drive] == POSITION_DRIVE else 0.0
     z[Z.drive_limit, lane] = min(p[P.drive_torque_limit], p[P.saturation])
     z[Z.drive_brake, lane] = brake_inside(p)
+    z[Z.lead, lane] = led(p, 1.0, 0.0, p[P.tick]) - 1.0 if p[P.link_drive] == POSITION_DRIVE else 0.0
     z[Z.integral_reach, lane] = integral_reach(p) if p[P.integral_rate] > 0.0 else 0.0
     limited, lags = p[P.drive_speed_limit] < inf, p[P.lag] > 0.0
     z[Z.slews, lane], z[Z.drive_speed_limit, lane] = limited, p[P.drive_speed_limit] if limited else 1.0
@@ -122,7 +123,7 @@ def load_state(p: Array, x: Array, late: int, z: Array, lane: int) -> None:
         z[Z.bristle + axis, lane] = x[X.bristle + axis] if p[P.bristle_torque + axis] > 0.0 else 0.0
         z[Z.lagged + axis, lane] = x[X.lag + axis]
     last = queued_at(x, int(x[X.tick]) % ((x.size - X.queue) // QUEUED), late + 1)
-    z[Z.behind, lane], z[Z.target, lane], z[Z.power, lane] = x[X.behind], x[last + GOAL], x[last + POWER] > 0.5
+    z[Z.behind, lane], z[Z.sent, lane], z[Z.power, lane] = x[X.behind], x[last + GOAL], x[last + POWER] > 0.5
     z[Z.integral, lane], z[Z.held, lane] = x[X.integral], 0.0
     for i in range(2):
         phi, half = deflection(p, EVERYTHING, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
@@ -167,8 +168,8 @@ def take_commands(p: Array, z: Array, elapsed: float) -> None:
         torque = get(z, Z.torque_gain + axis) * get(z, Z.commanded + axis) + get(z, Z.torque_bias + axis)
         put(z, Z.torque + axis, get(z, Z.other_torque + axis) + torque)
     put(z, Z.power, get(z, Z.command + POWER) > 0.5)
-    put(z, Z.target, get(z, Z.command + GOAL))
-    put(z, Z.acting, get(z, Z.target))
+    put(z, Z.sent, get(z, Z.command + GOAL))
+    put(z, Z.acting, get(z, Z.sent))
 
 
 @bare
@@ -237,6 +238,7 @@ def is_simple(terms: Terms) -> bool:
 def _moves_goal(p: Array) -> bool:
     """Whether the goal of a position drive differs from the commanded one, or has an integral beside it."""
     moves = p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf or p[P.integral_rate] > 0.0
+    moves |= p[P.feedforward] != 0.0
     return p[P.link_drive] == POSITION_DRIVE and moves
 
 

@@ -11,7 +11,7 @@ from via_core.signals import Array
 from via_sim.joint.compiled import bare, compiled
 from via_sim.joint.encoders import true_motion
 from via_sim.joint.kernel import advance_tick, begin, queued_at
-from via_sim.joint.layout import EXTERNAL, HISTORY, MODE, N_COMMANDS, N_INPUTS, N_MODES, QUEUED, X
+from via_sim.joint.layout import EXTERNAL, GOAL, HISTORY, MODE, N_COMMANDS, N_INPUTS, N_MODES, POWER, QUEUED, X
 from via_sim.joint.measurements import record, sense
 from via_sim.joint.parameters import NO_DAMPER, POSITION_DRIVE, P
 from via_sim.joint.step import N_WEIGHTS
@@ -120,6 +120,8 @@ def _run_block(runs: _Runs, work: _Work) -> None:
                     continue
                 if late + early > 0:
                     _delay(runs, tick, work, 1 - piece)
+                if terms.rare >> R.goal & 1:
+                    _look_back(runs, tick, work, 2 - piece if late + early > 0 else 1)
                 take_commands(lead, z, tick * period)
                 if terms.rare >> R.goal & 1:
                     take_goals(z, terms.rare)
@@ -164,6 +166,17 @@ def _join(runs: _Runs, work: _Work) -> None:
         if work.loaded[lane] == 0 and work.z[Z.joins, lane] > 0.0:
             work.loaded[lane] = 1
             load_state(runs.rows[lane], runs.states[lane], work.modes[lane, MODE.late], work.z, lane)
+
+
+@bare
+def _look_back(runs: _Runs, tick: int, work: _Work, more: int) -> None:
+    """Goals of the commands `more` ticks behind the dead time, and whether the drive was on, into the lanes."""
+    for lane in range(len(runs.rows)):
+        late, x = work.modes[lane, MODE.late] + more, runs.states[lane]
+        queued = queued_at(x, (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED), late)
+        sent = runs.commands[max(runs.begins[lane] + tick - late, 0)]
+        work.z[Z.sent_before, lane] = x[queued + GOAL] if late > tick else sent[GOAL]
+        work.z[Z.on_before, lane] = 1.0 if (x[queued + POWER] if late > tick else sent[POWER]) > 0.5 else 0.0
 
 
 @bare

@@ -12,6 +12,7 @@ from via_sim.catalogue.drive import (
     torque_gain,
     torque_ripple,
     torque_saturation,
+    velocity_feedforward,
 )
 
 KINDS = tuple(
@@ -20,6 +21,7 @@ KINDS = tuple(
         torque_gain,
         position_gain,
         integral_action,
+        velocity_feedforward,
         torque_bias,
         torque_ripple,
         torque_saturation,
