@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from via_core.devices import load_device
+from via_core.devices import Device, load_device
 from via_core.signals import Signals
 from via_core.status import Status
 from via_estimators.methods import estimator_for
@@ -225,7 +225,7 @@ def test_with_even_terms_the_visited_range_has_two_ends():
     """Deflections on one side only; their mirror images count as not visited unless the spring law is odd."""
     rows, _ = planted()
     rows[:, 1] += 1.5
-    estimator = ModulatedTorque(replace(ONE.parameters, even_terms=1))
+    estimator = ModulatedTorque(replace(ONE.parameters, even_terms=2))
     state, _ = estimator.run_rows(rows)
     visited = rows[200:-200, 1] - rows[200:-200, 2]
     low, high = visited.min(), visited.max()
@@ -302,8 +302,8 @@ def test_a_spring_law_that_is_not_odd_gets_even_terms_and_is_recovered():
     """Springs pretensioned against each other: exponentials of different size on both sides."""
     device = load_device("dlr_bavs")
     estimator = ModulatedTorque.from_device(device)
-    assert estimator.parameters.even_terms > 0
-    assert ModulatedTorque.from_device(load_device("qbmove_a")).parameters.even_terms == 0
+    assert estimator.parameters.even_terms > 1
+    assert ModulatedTorque.from_device(load_device("qbmove_a")).parameters.even_terms == 1
     rows, _ = planted(count=6000)
     rows[:, 1:3] *= 0.12
     parameters = replace(estimator.parameters, transmissions=1, memory=1e9)
@@ -589,3 +589,40 @@ def test_grease_that_warms_up_is_no_change_of_the_springs(change):
     assert late.sum() > 0.8 * (time > 9.0).sum()
     assert np.median(np.abs(value - truth)[late] / truth[late]) < 0.05
     assert np.mean((np.abs(value - truth) <= 1.96 * sd)[late]) > 0.85
+
+
+@pytest.mark.parametrize("zero", [5e-5, 5e-4])
+def test_a_stiff_spring_is_found_although_the_zeros_of_the_encoders_differ(zero):
+    """10 mrad of deflection, less than the travel over which friction inside the spring builds up."""
+    t, stiffness = np.arange(15000) * 1e-3, 3000.0
+    device = Device(
+        name="stiff",
+        title="A stiff joint",
+        source=("assumed",),
+        confidence="assumed",
+        arrangement="flexible",
+        link={"inertia": 1.0, "viscous_friction": 0.1},
+        motors=[{"inertia": 0.5, "viscous_friction": 3.0}],
+        springs=[{"law": "linear", "stiffness": 3150.0, "max_deflection": 0.03}],
+        sensors={"rate": 1e3, "link_quantum": 1e-4, "motor_quantum": 1e-4, "torque_noise": 0.3},
+    )
+
+    def motion(t):
+        theta = 0.2 * np.sin(5.0 * t) + 0.1 * np.sin(13.0 * t + 1.0)
+        rate, rise = (
+            np.cos(5.0 * t) + 1.3 * np.cos(13.0 * t + 1.0),
+            -5.0 * np.sin(5.0 * t) - 16.9 * np.sin(13.0 * t + 1),
+        )
+        phi = 0.005 * np.sin(5.0 * t + 3.0) + 0.004 * np.sin(13.0 * t + 4.2)
+        return theta, phi, 0.5 * rise + 3.0 * rate - stiffness * phi
+
+    theta, phi, _ = motion(t)
+    effort = motion(t - 0.5e-3)[2] + 0.3 * np.random.default_rng(1).normal(size=len(t))
+    step = 1e-4
+    rows = np.column_stack([t, step * np.round((theta + phi) / step) + zero, step * np.round(theta / step), effort])
+    _, estimates = ModulatedTorque.from_device(device).run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    later = (t > 3.0) & (estimates.status == Status.OK)
+    assert later.mean() > 0.5
+    assert np.median(np.abs(value / stiffness - 1.0)[later]) < 0.05
+    assert np.mean(np.abs(value - stiffness)[later] < 1.96 * sd[later]) > 0.9

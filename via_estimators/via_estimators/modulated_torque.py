@@ -18,12 +18,13 @@ The delay also enters to second order, with the present estimate of d: the right
 
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F, d and the damping g of the transmission, that of its damper or of the material of its spring, are unknowns; the
-basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change in time
-(`interacting_models`). sat is linear within -1..1 and constant beyond: friction that falls with speed (Stribeck) is a
-sum of F and G. Without G it would be taken for damping. Without g, a damped spring has the stiffness that its torque
-shows in phase with the motor. Friction that builds up with travel (presliding) is a sum of F and F_l: z_l is an elastic
-element that yields, dz_l = dtheta / l within -1..1, with l = 2 and 20 mrad (a Prandtl-Ishlinskii model). With F alone
-each reversal adds an error in the direction of the spring.
+basis is odd, with a constant for the zeros of torque and encoders; psi is w_55 by default instead of w_33; the solver
+lets the spring law change in time (`interacting_models`). sat is linear within -1..1 and constant beyond: friction that
+falls with speed (Stribeck) is a sum of F and G. Without G it would be taken for damping. Without g, a damped spring has
+the stiffness that its torque shows in phase with the motor. Without the constant, half an encoder step of offset gave a
+stiff spring's torque to the friction inside it. Friction that builds up with travel (presliding) is a sum of F and F_l:
+z_l is an elastic element that yields, dz_l = dtheta / l within -1..1, with l = 2 and 20 mrad (a Prandtl-Ishlinskii
+model). With F alone each reversal adds an error in the direction of the spring.
 
 There are two equations per window length. Neighbours then share so little of psi that their noise is independent (its
 correlation is .04), and still they use 91 % of the information in all samples. An equation holds in the middle of its
@@ -114,6 +115,7 @@ class ModulatedTorqueParameters(Parameters):
     delay_deviation: float = parameter(
         0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
     )
+    constant_deviation: float = parameter(300.0, "standard deviation of the constant before any data", "N m", 1e-9, 1e9)
     creep_deviation: float = parameter(10.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
     play_deviation: float = parameter(20.0, "standard deviation of the stiffness missing near 0", "N m/rad", 1e-9, 1e9)
     torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
@@ -132,13 +134,11 @@ class ModulatedTorque(Estimator):
     @classmethod
     def from_device(cls, device: Device) -> ModulatedTorque:
         """Scales and priors of the order of magnitude that the device file states."""
-        known = {**transmissions.priors_of(device), **transmissions.known_of(device)}
+        known = transmissions.priors_of(device) | transmissions.known_of(device) | transmissions.torques_of(device)
         motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
-        typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
         window, quantum = _window_for(motor, known, device), QUANTUM * known["position_noise"]
         slowest = SLOWEST * spring.max_deflection * window / device.sensors.rate
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
-        known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= _loss_of(device, known["stiffness_prior"])
         known |= {"creep_deviation": 0.5 * known["stiffness_prior"], "play_deviation": known["stiffness_prior"]}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
@@ -179,6 +179,8 @@ class ModulatedTorque(Estimator):
             own.inertia_prior, own.damping_prior, own.friction_prior, own.loss_prior, own.stiffness_prior,
         )  # fmt: skip
         width[n - 1] = 1.0
+        if own.even_terms > 0:
+            width[U.size + own.order] = own.constant_deviation / own.deflection_scale
         shared = own.friction_deviation / sqrt(3.0)  # by the frictions that do not depend on speed
         width[: U.size] = (
             own.inertia_deviation, own.damping_deviation, shared, own.friction_deviation, shared, shared,
@@ -298,7 +300,7 @@ def _learn(
     kept[KEPT.returning] = interacting_models.returning(equation, n)
     quarter = length // (2 * ROWS_PER_WINDOW)
     for k in range(quarter, length - quarter):
-        transmissions.visit(kept, own[PHI, k] if par[P.even_terms] > 0.0 else abs(own[PHI, k]))
+        transmissions.visit(kept, own[PHI, k] if par[P.even_terms] > 1.0 else abs(own[PHI, k]))
     kept[VISITED.high] = max(kept[VISITED.high], 0.0)
 
 
@@ -390,7 +392,7 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             joint[JOINT.motion] = min(joint[JOINT.motion], kept[KEPT.moved])
             phi = ring[i, PHI, slot]
             warming = _report(par, rows[k, 0], phi, ring[i, PRESET, slot], part, i, value, sd, joint, slope)
-            reached = phi if even else abs(phi)
+            reached = phi if even > 1 else abs(phi)
             inside = transmissions.inside(kept, reached, par[P.range_margin])
             transmissions.grade(joint, warming, kept[KEPT.moving] > 0.0, inside)
         transmissions.finish(joint, state, value, sd, out[k])

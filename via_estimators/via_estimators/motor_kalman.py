@@ -80,6 +80,7 @@ class MotorKalmanParameters(Parameters):
     friction_prior: float = parameter(0.0, "dry friction of a motor before any data", "N m", 0.0, 1e6)
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-12, 1e6)
     friction_velocity: float = parameter(0.02, "velocity at which dry friction is at 71 %", "rad/s", 1e-6, 1e3)
+    constant_deviation: float = parameter(300.0, "standard deviation of the constant before any data", "N m", 1e-9, 1e9)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
@@ -99,11 +100,9 @@ class MotorKalman(Estimator):
 
         Dry friction is smoothed over the velocity by which it changes a motor's within a sample, or more.
         """
-        known = {**transmissions.priors_of(device), **transmissions.known_of(device)}
-        motor, spring_law = transmissions.motors_of(device)[0], device.spring_laws[0]
-        typical = 0.05 * abs(float(spring_law.torque(spring_law.max_deflection)))
+        known = transmissions.priors_of(device) | transmissions.known_of(device) | transmissions.torques_of(device)
+        motor = transmissions.motors_of(device)[0]
         slowest = motor.coulomb_friction / (motor.inertia * device.sensors.rate)
-        known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= {"friction_velocity": max(cls.kind.friction_velocity, slowest)}
         known |= {"inertia_deviation": INERTIA_KNOWN * motor.inertia}
         order, even = terms_for(device.spring_laws)
@@ -134,6 +133,8 @@ class MotorKalman(Estimator):
             1.0, own.damping_prior, own.friction_prior, own.stiffness_prior,
         )  # fmt: skip
         relative = own.inertia_deviation / own.inertia_prior
+        if own.even_terms > 0:
+            width[X.size + own.order] = own.constant_deviation / own.deflection_scale
         width[: X.size] = own.position_noise, FASTEST, relative, own.damping_deviation, own.friction_deviation
         given = {"length": own.window + 1, "inertia": own.inertia_prior}
         return np.concatenate([row_of(P, own, **given), mean, width])
@@ -314,7 +315,7 @@ def end(par: Array, state: Array, sample: Array, i: int, pieces: int, joint: Arr
     if pieces > 0:
         correct(x, covariance, sample[2 + 2 * i], par[P.position_noise] ** 2, work[0])
         if converging(x, covariance):
-            transmissions.visit(kept, phi if par[P.even_terms] > 0.0 else abs(phi))
+            transmissions.visit(kept, phi if par[P.even_terms] > 1.0 else abs(phi))
             kept[KEPT.learned] += 1.0
         else:
             start(par, kept, x, covariance)
@@ -390,5 +391,5 @@ def report(
         damping, variance = quotient(x, covariance, slope)
         transmissions.update(value, sd, 1 + 2 * m + i, damping, sqrt(variance), moving)
     transmissions.add(joint, value[1 + i], sd[1 + i], bent, par[P.position_noise] ** 2, 0.0)
-    reached = phi if par[P.even_terms] > 0.0 else abs(phi)
+    reached = phi if par[P.even_terms] > 1.0 else abs(phi)
     transmissions.grade(joint, warming, moving, transmissions.inside(kept, reached, par[P.range_margin]))

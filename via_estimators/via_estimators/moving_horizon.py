@@ -72,6 +72,7 @@ class MovingHorizonParameters(Parameters):
     damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
     friction_prior: float = parameter(0.0, "dry friction of a motor before any data", "N m", 0.0, 1e6)
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
+    constant_deviation: float = parameter(300.0, "standard deviation of the constant before any data", "N m", 1e-9, 1e9)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "least range of deflection in an informative horizon", "rad", 0.0, 1.0)
@@ -94,10 +95,7 @@ class MovingHorizon(Estimator):
     @classmethod
     def from_device(cls, device: Device) -> MovingHorizon:
         """Scales and priors of the order of magnitude that the device file states."""
-        known = {**transmissions.priors_of(device), **transmissions.known_of(device)}
-        motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
-        typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
-        known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
+        known = transmissions.priors_of(device) | transmissions.known_of(device) | transmissions.torques_of(device)
         order, even = terms_for(device.spring_laws)
         return cls(MovingHorizonParameters(**known, order=order, even_terms=even))
 
@@ -120,6 +118,8 @@ class MovingHorizon(Estimator):
         mean, width = np.zeros(n), np.full(n, own.stiffness_deviation)
         mean[: U.size + 1] = own.inertia_prior, own.damping_prior, own.friction_prior, own.stiffness_prior
         width[: U.size] = own.inertia_deviation, own.damping_deviation, own.friction_deviation
+        if own.even_terms > 0:
+            width[U.size + own.order] = own.constant_deviation / own.deflection_scale
         return horizon_problem.Model(
             own.order, own.even_terms, own.deflection_scale, own.friction_velocity, mean, width
         )  # fmt: skip
@@ -202,7 +202,7 @@ class MovingHorizon(Estimator):
         kept[KEPT.time] = now
         z[:], root[:], covariance[:], arrival[:] = solution.z, solution.root, found, after
         for angle in data[:, DATA.q_middle] - data[:, DATA.theta]:
-            transmissions.visit(kept, angle if own.even_terms else abs(angle))
+            transmissions.visit(kept, angle if own.even_terms > 1 else abs(angle))
         kept[VISITED.high] = max(kept[VISITED.high], 0.0)
         data[: -own.every] = data[own.every :].copy()
         nodes[: len(nodes) - own.every] = solution.nodes[own.every :]
@@ -253,7 +253,7 @@ def _report(par: Array, now: float, phi: float, part: Array, i: int, value: Arra
         found, width = par[P.size + j] + par[P.size + n + j] * z[j], par[P.size + n + j]
         transmissions.update(value, sd, at, found, width * sqrt(max(covariance[j, j], 0.0)), learning)
     transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, 0.0)
-    reached = phi if par[P.even_terms] > 0.0 else abs(phi)
+    reached = phi if par[P.even_terms] > 1.0 else abs(phi)
     joint[JOINT.motion] = min(joint[JOINT.motion], kept[KEPT.moved])
     inside = transmissions.inside(kept, reached, par[P.range_margin])
     transmissions.grade(joint, warming, kept[KEPT.moving] > 0.0, inside)

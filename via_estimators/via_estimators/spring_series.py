@@ -16,7 +16,11 @@ MOST_TERMS = 6
 
 
 def terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
-    """Numbers of odd and even terms that fit the spring laws to 1 % of their largest torque, plus one each."""
+    """Numbers of odd and even terms that fit the spring laws to 1 % of their largest torque, plus one each.
+
+    The constant is always there: the zeros of two encoders and of a torque differ by a few steps at least, and a stiff
+    spring answers with a torque that other terms, or friction that builds up with travel, would have to explain.
+    """
     share = np.linspace(-1.0, 1.0, 129)
     torques = np.stack([each.torque(share * each.max_deflection) for each in springs], axis=1)
     largest = np.abs(torques).max()
@@ -25,8 +29,8 @@ def terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
         terms = share[:, None] ** (2 * np.arange(order) + 1 if odd else np.arange(2 * order))
         misfit = torques - terms @ np.linalg.lstsq(terms, torques, rcond=None)[0]
         if np.abs(misfit).max() <= 0.01 * largest:
-            return order + 1, 0 if odd else order + 1
-    return MOST_TERMS, 0 if odd else MOST_TERMS
+            return order + 1, 1 if odd else order + 1
+    return MOST_TERMS, 1 if odd else MOST_TERMS
 
 
 @njit(cache=True, error_model="numpy")

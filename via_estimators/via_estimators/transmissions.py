@@ -20,6 +20,7 @@ from via_core.status import NOT_EXCITED, OK, OUTSIDE_RANGE, WARMING_UP
 from via_estimators import window
 from via_estimators.slots import slots
 
+TYPICAL = 0.05  # of the spring's largest torque: friction, or a constant torque
 VISITED = slots("low", "high", "any")  # smallest and largest deflection visited [rad], 1 if there is any
 # Sums over the transmissions of a joint; worst status and smallest range of motion of them.
 JOINT = slots("stiffness", "variance", "slope", "common", "status", "motion")
@@ -64,6 +65,21 @@ def priors_of(device: Device) -> dict[str, Any]:
         "inertia_deviation": motor.inertia,
         "damping_prior": motor.viscous_friction,
         "damping_deviation": max(motor.viscous_friction, 1e-6),
+    }
+
+
+def torques_of(device: Device) -> dict[str, Any]:
+    """Priors [N m] of the torques beside a spring law that is 0 in the middle: dry friction, and a constant.
+
+    Either may be some percent of the spring's largest torque, whatever the device file says: the constant is due to the
+    zeros of two encoders and of the torque, and to the spring law.
+    """
+    friction, spring = motors_of(device)[0].coulomb_friction, device.spring_laws[0]
+    typical = TYPICAL * abs(float(spring.torque(spring.max_deflection)))
+    return {
+        "friction_prior": friction,
+        "friction_deviation": max(friction, typical),
+        "constant_deviation": max(abs(float(spring.torque(0.0))), typical),
     }
 
 

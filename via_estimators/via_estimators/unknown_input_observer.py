@@ -106,7 +106,7 @@ class UnknownInputObserver(Estimator):
             UnknownInputObserverParameters(
                 **known,
                 window=max(round(SPAN * device.sensors.rate), 4 * STEPS),
-                basis="powers" if even else "odd_powers",
+                basis="powers" if even > 1 else "odd_powers",
                 terms=min(order + even, MOST_TERMS),
                 stiffness_prior=priors["stiffness_prior"],
                 stiffness_deviation=priors["stiffness_deviation"],
