@@ -159,6 +159,14 @@ def test_standstill_and_short_logs_are_unknown():
     assert equations_of(position) == () and faulty_time(position, samples) is None
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("device", [CUBIC, QBMOVE, ELASTIC], ids=lambda each: each.name)
+def test_a_channel_that_is_not_measured_says_nothing(device):
+    samples = moved(device)
+    for missing in (samples._replace(q=np.nan * samples.q), samples._replace(theta=np.nan * samples.theta)):
+        assert not share(device, missing).known
+
+
 @pytest.mark.parametrize("kept", [0.9, 0.5])
 def test_lost_samples_and_jitter_do_not_matter(kept):
     rng = np.random.default_rng(4)

@@ -449,6 +449,13 @@ def test_unreadable_files_give_one_line(tmp_path: Path, name: str, content: byte
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("rows", ["", ",.1,.2,.3\n"])
+def test_a_recording_without_a_time_gives_one_line(tmp_path: Path, rows: str) -> None:
+    (tmp_path / "a.csv").write_text("time,q,theta_1,tau_1\n" + rows, encoding="utf-8")
+    with pytest.raises(SignalError, match=r"a\.csv: no row has a time; write one row"):
+        read_joint(tmp_path / "a.csv", load_device("visco_elastic_demo"))
+
+
 def test_numbers_name_the_cell_that_is_none(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,q\n0,1\n1,\n2,two\n", encoding="utf-8")
     with pytest.raises(SignalError, match="line 4, column 'q': 'two' is not a number"):

@@ -86,12 +86,12 @@ class MotorEquation(Equation):
     def share(self, samples: Samples) -> Share:
         spring, angle = self.device.spring_laws[self.drive], samples.theta[:, self.drive]
         reach, deflection = FURTHEST * spring.max_deflection, samples.q - angle
+        preset = samples.theta[:, -1] if self.device.arrangement == "serial" else angle
+        if not np.isfinite(deflection + preset).any():  # a channel, as motor 2 of a serial joint, is not measured
+            return Share(0.0, 0.0)
         if np.mean(np.abs(deflection) > reach) > 0.5:
             return Share(1.0, np.inf)
         clipped = np.clip(deflection, -reach, reach)
-        preset = samples.theta[:, -1] if self.device.arrangement == "serial" else angle
-        if not np.isfinite(preset).any():  # motor 2 of a serial joint is not measured
-            return Share(0.0, 0.0)
         load, stiffness, sensors = (
             -spring.torque(clipped, preset),
             spring.stiffness(clipped, preset),

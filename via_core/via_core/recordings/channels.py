@@ -55,6 +55,8 @@ def joint_of(tables: Tables, device: Device, file: str, bag: bool = False) -> Jo
         mine = {name: each for name, each in columns.items() if (name[0] not in MEASURED) == is_command}
         for table in dict.fromkeys(each[0] for each in mine.values()):
             time, rows, report = _time(tables[table], device, file, table, bag, origin)
+            if not (is_command or len(rows)):
+                raise SignalError(f"{file}: no row has a time; write one row a sample")
             origin = report[0] if origin is None else origin
             reports.append(StampReport(table, 0, len(tables[table]), 0, report[1], report[2], len(rows)))
             named = {n: e for n, (t, e) in mine.items() if t == table}
