@@ -107,3 +107,13 @@ def test_the_lag_delays_a_slow_torque_by_its_time_constant():
     _lagged(rows, np.array([1]), 0.005, np.array([-1e300, 0.0]), changed)
     later = t > 1.0  # a torque is held over the interval that ends at its stamp, hence half a step less
     np.testing.assert_allclose(changed[later, 1], np.sin(2.0 * (t - 0.0045))[later], atol=2e-4)
+
+
+@pytest.mark.parametrize(("gain", "words"), [(2.9, "2.9 x the file"), (0.35, "0.35 x the file")])
+def test_an_inertia_many_times_that_of_the_file_is_implausible_and_says_so(gain, words):
+    """The wider interval that this inertia causes does not hide it."""
+    estimator = estimator_for(stated())
+    rows, _ = moved(gain=gain)
+    state, estimates = estimator.run_rows(rows)
+    assert np.mean(estimates.status[rows[:, 0] > 1.5] == Status.OK) < 0.05
+    assert words in estimator.fault(state) and "motor_inertia" in estimator.fault(state)

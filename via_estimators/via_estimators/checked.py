@@ -9,7 +9,8 @@ stiffness, an inertia or a stiffness many times that of the file) is IMPLAUSIBLE
 The motor inertia found is also the only evidence of a wrong torque scale that the device file does not state: all
 values are proportional to it. With inertia B +- tolerance b in the file, found B' +- sd, its most likely variance is
 max(0, (B'/B - 1)^2 - (sd/B)^2 - b^2). A value x that was found with the scale s = B'/B is x / s in truth, so this
-variance over s^2 is added to the relative variances of stiffness, inertia and damping.
+variance over s^2 is added to the relative variances of stiffness, inertia and damping, after these are compared with
+their bounds: the evidence of a wrong scale must not hide it.
 
 A step between two samples that no joint can make, such as one wild number of a damaged message, is a bad sample: in a
 window or a long memory it would act like many true ones. If the signal stays there, the window restarts as after a gap.
@@ -50,8 +51,8 @@ SURE = 3.0  # [standard deviations] by which an estimate must miss its bounds
 ALL, NONE = -1, -2  # owners of an output that is a sum over the motors, or that has no motor
 # Stamp of the last sample and of the last one kept; time of the next comparison; end of the suspicion; ring position
 # and filling; 1 while implausible; time over which the torques are summed; number of the last output outside its
-# bounds, from 1, or 0.
-HEAD = slots("last", "kept", "next", "until", "slot", "filled", "implausible", "summed", "outside")
+# bounds, from 1, or 0, and its value.
+HEAD = slots("last", "kept", "next", "until", "slot", "filled", "implausible", "summed", "outside", "found")
 
 
 @dataclass(frozen=True)
@@ -109,10 +110,13 @@ class Checked(Wrapped):
                 else "signals of the last seconds do not fit the device file; no single fault explains them"
             )
         if head[HEAD.outside]:
-            at = int(head[HEAD.outside]) - 1
+            at, found = int(head[HEAD.outside]) - 1, head[HEAD.found]
+            filed = {int(motor[0]): motor[1] for motor in self._motors}
+            ratio = f" = {found / filed[at]:.2g} x the file" if at in filed else ""
             return (
-                f"{self.outputs[at]} is impossible for '{self.device.name}', whose file allows "
-                f"{self._bounds[0][at]:.3g} to {self._bounds[1][at]:.3g}: check signs, units and the device file"
+                f"{self.outputs[at]} found is {found:.3g}{ratio}, impossible for '{self.device.name}', whose file "
+                f"allows {self._bounds[0][at]:.3g} to {self._bounds[1][at]:.3g}: check signs, units (torque constant, "
+                "gear ratio) and the device file"
             )
         return ""
 
@@ -327,8 +331,10 @@ def _finish(
     kept = ring.shape[0]
     due, outside = False, 0
     for k in range(rows.shape[0]):
-        _doubt(out[k], motors, owners)
         outside = _grade(out[k], head[HEAD.implausible] > 0.0, low, high)
+        if outside > 0:
+            head[HEAD.found] = out[k, 1 + outside]
+        _doubt(out[k], motors, owners)
         kind = _kind(rows[k], needed, head[HEAD.last])
         if kind == SKIPPED:
             continue
