@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from via_core.devices import Device, parse_device
 from via_core.errors import ParameterError, SignalError
+from via_core.signals import Signals
 from via_estimators.joint_equations import equations_of
-from via_estimators.joint_record import Record
+from via_estimators.joint_record import Record, commands_of
 from via_estimators.observability import information_of
 
 INERTIA, VISCOUS, STIFFNESS = 0.02, 0.3, 6.0
@@ -256,3 +257,53 @@ def test_a_limit_that_includes_the_damping_hides_the_velocity_gain(limited: str,
     (drive,) = [each for each in equations_of(device, seen).equations if "velocity gain" in each.unknown]
     weights = [np.abs(part.values).max() for part in drive.unknown["velocity gain"]]
     assert bool(max(weights) > 0.0) == known
+
+
+def position_drive(more: str) -> Device:
+    return parse_device(
+        "name: bar\ntitle: Bar\nsource: [test]\nconfidence: assumed\narrangement: rigid\ndrive: position\n"
+        "link: {inertia: 0.1, viscous_friction: 0.3}\nsensors: {rate: 200.0}\n"
+        f"servo: {{kp: 4.0, kd: 0.2{more}}}",
+        "bar.yaml",
+    )
+
+
+def imbalance(device: Device, seen: Record) -> float:
+    """Largest residual [N m] of the link's equation at the filed numbers, and an integral that began at .3 N m."""
+    made = equations_of(device, seen)
+    (equation,) = [each for each in made.equations if "position gain" in each.unknown]
+    values = {each.name: each.value for each in made.unknowns} | {"torque of the integral at the start": 0.3}
+    u, worst = np.linspace(0.0, 1.0, 81), 0.0
+    weights = [bump(i, 0.4, u) / 200.0 for i in range(3)]
+
+    def sum_of(parts, window) -> float:
+        return sum(p.factor * weights[p.weights] @ p.values[window] for p in parts)
+
+    for begin in range(0, len(seen.time) - 81, 40):
+        window = slice(begin, begin + 81)
+        left = sum(values[name] * sum_of(parts, window) for name, parts in equation.unknown.items())
+        worst = max(worst, abs(left - sum_of(equation.known, window)))
+    return worst
+
+
+def test_integral_and_feedforward_of_a_position_drive_are_in_its_equation():
+    """The error e of a drive that follows a smooth motion: kp e + i + kd (e + q)' f - kd q' = M q'' + D q'."""
+    time = np.arange(1200) / 200.0
+    q, speed, change = sines(time, (0.3, 0.1), (0.6, 1.9))
+    fine = np.linspace(0.0, time[-1], 20 * 1199 + 1)
+    load = np.interp(fine, time, 0.1 * change + 0.5 * speed)
+    error, torque, step = np.empty_like(fine), 0.3, fine[1]
+    for k in range(len(fine)):
+        error[k] = (load[k] - torque) / 4.0
+        torque += 8.0 * step * error[k]
+    seen = Record(time, {"q": q}, {"goal": q + error[::20]}, {"q": ANGLE_NOISE, "goal": 1e-12})
+    assert imbalance(position_drive(", ki: 8.0"), seen) < 2e-3
+    assert imbalance(position_drive(""), seen) > 0.1
+
+
+def test_commands_of_a_drive_with_feedforward_lead():
+    device, time = position_drive(", feedforward: 1.0"), np.arange(200) / 200.0
+    goal = np.sin(3.0 * time)
+    sent = Signals(time, {"equilibrium": goal}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
+    found = commands_of(sent, device, time)["goal"]
+    np.testing.assert_allclose(found[1:], goal[1:] + 0.2 / 4.0 * np.diff(goal) * 200.0)

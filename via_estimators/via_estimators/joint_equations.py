@@ -8,7 +8,7 @@ Signs as in docs/notation.md. With a modulating function psi over a window (`via
     link    M <q, psi''> - Dq <q, psi'> + Fq <sgn qd, psi> + sum <tau_e, psi> + damper + <g(q), psi> = <tau, psi>
     torque sensor      sum <tau_e, psi> + damper = <tau_link, psi>
     servo              <th, psi''> = w^2 <u - th, psi> + 2 w <th, psi'>, linear in the change of w
-    position drive     kp <goal - q, psi> + limit <side, psi> + kd <q, psi'> = <tau, psi>
+    position drive     kp <goal - q + z, psi> + limit <side, psi> + kd <q, psi'> = <tau, psi>,  z' = (ki / kp)(goal - q)
     velocity sensor    <v, psi> + <angle, psi'> = 0
 
 A motor needs a measured torque, and so does the link of a rigid joint with torque drive. The right side of any other
@@ -27,10 +27,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from via_core.device_parts import ServoMotor, TorqueMotor
+from via_core.device_parts import PositionDrive, ServoMotor, TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
-from via_core.signals import Array
+from via_core.signals import Array, Mask
 from via_core.spring_equations import MACCEPA, TWO_LEVER
 from via_core.springs import SpringLaw
 
@@ -325,7 +325,8 @@ def _drive(made: Equations, signals: _Signals) -> dict[str, tuple[Part, ...]]:
     assert servo is not None
     goal = signals.record.commands["goal"]
     on, error = np.isfinite(goal), np.where(np.isfinite(goal), goal - channels["q"], 0.0)
-    pull, whole = servo.kp * error, servo.limited == "sum"
+    integral, began = _integral(servo, error, on, signals.record.time)
+    pull, whole = servo.kp * (error + integral), servo.limited == "sum"
     if whole:
         pull = pull - servo.kd * channels.get("q_velocity", np.gradient(channels["q"], signals.record.time))
     limited = on & (np.abs(pull) > (servo.torque_limit or np.inf))
@@ -334,15 +335,26 @@ def _drive(made: Equations, signals: _Signals) -> dict[str, tuple[Part, ...]]:
     kp = made.name(Unknown("position gain", "drive", servo.kp, servo.kp, "N m/rad", tolerances.kp))
     kd = made.name(Unknown("velocity gain", "drive", servo.kd, max(servo.kd, 1e-6), "N m s/rad", tolerances.kd))
     found = {
-        kp: (Part(PSI, 1.0, free * error, {"q": -free}),),
+        kp: (Part(PSI, 1.0, free * (error + integral), {"q": -free}),),
         kd: signals.damped(-1.0, damped, {"q": 1.0}),
     }
+    if servo.ki > 0.0 and began.any():
+        most = min(servo.integral_limit or np.inf, servo.torque_limit or np.inf, servo.kp)
+        start = Unknown("torque of the integral at the start", "drive", 0.0, most, "N m", 1.0)
+        found[made.name(start)] = (Part(PSI, 1.0, free * began, {}),)
     if servo.torque_limit is not None and limited.any():
-        most = Unknown(
+        limit = Unknown(
             "torque limit of the drive", "drive", servo.torque_limit, servo.torque_limit, "N m", tolerances.torque_limit
         )
-        found[made.name(most)] = (Part(PSI, 1.0, np.where(limited, np.sign(pull), 0.0), {}),)
+        found[made.name(limit)] = (Part(PSI, 1.0, np.where(limited, np.sign(pull), 0.0), {}),)
     return found
+
+
+def _integral(servo: PositionDrive, error: Array, on: Mask, time: Array) -> tuple[Array, Mask]:
+    """(N,) [rad] integral of the error since the drive was switched on, times ki / kp; whether it began before."""
+    total = np.concatenate(([0.0], np.cumsum(0.5 * (error[1:] + error[:-1]) * np.diff(time))))
+    off = np.maximum.accumulate(np.where(on, -1, np.arange(len(on))))
+    return servo.ki / servo.kp * (total - total[np.maximum(off, 0)]), on & (off < 0)
 
 
 def _link_friction(made: Equations, device: Device) -> str:

@@ -55,7 +55,7 @@ def commands_of(commands: Signals | None, device: Device, time: Array) -> dict[s
     found = {"damping": held["damping"]} if "damping" in held else {}
     if "equilibrium" in held and device.drive == "position" and device.servo is not None:
         late = np.searchsorted(time, time - device.servo.delay, side="left").clip(0, len(time) - 1)
-        found["goal"] = held["equilibrium"][late]
+        found["goal"] = device.servo.led(held["equilibrium"], time)[late]
     if "equilibrium" in held and device.drive == "servo":
         preset = held["preset"] if "preset" in held else np.zeros(len(time))
         late = np.searchsorted(time, time - device.observed.servo_dead_time, side="left").clip(0, len(time) - 1)
