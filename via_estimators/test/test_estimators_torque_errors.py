@@ -115,5 +115,5 @@ def test_an_inertia_many_times_that_of_the_file_is_implausible_and_says_so(gain,
     estimator = estimator_for(stated())
     rows, _ = moved(gain=gain)
     state, estimates = estimator.run_rows(rows)
-    assert np.mean(estimates.status[rows[:, 0] > 1.5] == Status.OK) < 0.05
+    assert np.mean(estimates.status[rows[:, 0] > 2.5] == Status.OK) < 0.05
     assert words in estimator.fault(state) and "motor_inertia" in estimator.fault(state)

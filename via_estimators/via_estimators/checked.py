@@ -9,8 +9,9 @@ stiffness, an inertia or a stiffness many times that of the file) is IMPLAUSIBLE
 The motor inertia found is also the only evidence of a wrong torque scale that the device file does not state: all
 values are proportional to it. With inertia B +- tolerance b in the file, found B' +- sd, its most likely variance is
 max(0, (B'/B - 1)^2 - (sd/B)^2 - b^2). A value x that was found with the scale s = B'/B is x / s in truth, so this
-variance over s^2 is added to the relative variances of stiffness, inertia and damping, after these are compared with
-their bounds: the evidence of a wrong scale must not hide it.
+variance over s^2 is added to the relative variances of stiffness, inertia and damping. It must not hide what causes it:
+an estimate that misses its bounds without it throughout an interval is IMPLAUSIBLE too. For a shorter time, a spring
+that has just changed may do that.
 
 A step between two samples that no joint can make, such as one wild number of a damaged message, is a bad sample: in a
 window or a long memory it would act like many true ones. If the signal stays there, the window restarts as after a gap.
@@ -31,7 +32,7 @@ from via_core.faults import fault_of
 from via_core.modulated_rows import DAMPER_FACTOR, INTERVAL, Equation, Samples, device_factor
 from via_core.plausibility import equations_of, interval_of, worst
 from via_core.signals import Array
-from via_core.status import IMPLAUSIBLE, OK, OUTSIDE_RANGE, Status
+from via_core.status import BAD_SAMPLE, IMPLAUSIBLE, OK, OUTSIDE_RANGE, Status
 
 from via_estimators.contract import Health, Kernel
 from via_estimators.slots import slots
@@ -51,8 +52,8 @@ SURE = 3.0  # [standard deviations] by which an estimate must miss its bounds
 ALL, NONE = -1, -2  # owners of an output that is a sum over the motors, or that has no motor
 # Stamp of the last sample and of the last one kept; time of the next comparison; end of the suspicion; ring position
 # and filling; 1 while implausible; time over which the torques are summed; number of the last output outside its
-# bounds, from 1, or 0, and its value.
-HEAD = slots("last", "kept", "next", "until", "slot", "filled", "implausible", "summed", "outside", "found")
+# bounds, from 1, or 0, and its value; stamp of the last estimate within them before `_doubt`.
+HEAD = slots("last", "kept", "next", "until", "slot", "filled", "implausible", "summed", "outside", "found", "fits")
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,8 @@ class Checked(Wrapped):
         super().load()
         time, m = np.arange(100) / RATE, max(self.device.n_motors, 1)
         command = np.zeros((len(time), 2))
-        still = Samples(
-            time, 0.0 * time, np.zeros((len(time), self.device.n_motors)), np.zeros((len(time), m)), command
-        )
+        angles, torques = np.zeros((len(time), self.device.n_motors)), np.zeros((len(time), m))
+        still = Samples(time, 0.0 * time, angles, torques, command)
         for each in self._equations:
             each.share(still)
 
@@ -104,11 +104,8 @@ class Checked(Wrapped):
         head = self._head(state)
         if head[HEAD.implausible]:
             fault = fault_of(self.device, self._samples(state), suspected=True)
-            return (
-                fault.text
-                if fault
-                else "signals of the last seconds do not fit the device file; no single fault explains them"
-            )
+            unknown = "signals of the last seconds do not fit the device file; no single fault explains them"
+            return fault.text if fault else unknown
         if head[HEAD.outside]:
             at, found = int(head[HEAD.outside]) - 1, head[HEAD.found]
             filed = {int(motor[0]): motor[1] for motor in self._motors}
@@ -323,6 +320,7 @@ def _finish(
     low, high   bounds of the outputs
     motors      (m, 3), as `Checked._motors`
     owners      (k,), as `Checked._owners`
+    interval    [s] of a comparison
     """
     width = rows.shape[1]
     head = state[size : size + HEAD.size]
@@ -331,10 +329,16 @@ def _finish(
     kept = ring.shape[0]
     due, outside = False, 0
     for k in range(rows.shape[0]):
-        outside = _grade(out[k], head[HEAD.implausible] > 0.0, low, high)
-        if outside > 0:
-            head[HEAD.found] = out[k, 1 + outside]
+        missed = _outside(out[k], low, high)
+        if missed == 0 and out[k, 1] != BAD_SAMPLE:
+            head[HEAD.fits] = head[HEAD.last]
         _doubt(out[k], motors, owners)
+        outside = _outside(out[k], low, high)
+        if head[HEAD.last] - head[HEAD.fits] > interval:
+            outside = max(outside, missed)
+        head[HEAD.found] = out[k, 1 + outside]
+        if (outside > 0 or head[HEAD.implausible] > 0.0) and _usable(out[k]):
+            out[k, 1] = IMPLAUSIBLE
         kind = _kind(rows[k], needed, head[HEAD.last])
         if kind == SKIPPED:
             continue
@@ -379,16 +383,17 @@ def _doubt(row: Array, motors: Array, owners: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _grade(row: Array, implausible: bool, low: Array, high: Array) -> int:
-    """Mark a usable estimate of implausible samples or outside its bounds; returns that output, from 1, or 0."""
-    k = low.size
-    if row[1] != OK and row[1] != OUTSIDE_RANGE:
-        return 0
-    for j in range(k):
-        margin = SURE * row[2 + k + j]
-        if row[2 + j] + margin < low[j] or row[2 + j] - margin > high[j]:
-            row[1] = IMPLAUSIBLE
-            return j + 1
-    if implausible:
-        row[1] = IMPLAUSIBLE
+def _usable(row: Array) -> bool:
+    return row[1] == OK or row[1] == OUTSIDE_RANGE
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _outside(row: Array, low: Array, high: Array) -> int:
+    """Number of the first output of a usable estimate that misses its bounds, from 1, or 0."""
+    if _usable(row):
+        k = low.size
+        for j in range(k):
+            margin = SURE * row[2 + k + j]
+            if row[2 + j] + margin < low[j] or row[2 + j] - margin > high[j]:
+                return j + 1
     return 0
