@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_core.devices import load_device
+from via_core.devices import Device, load_device
 from via_core.status import Status
 from via_estimators.checked import Checked
 from via_estimators.methods import estimator_for
@@ -75,6 +75,33 @@ def test_an_inertia_beside_the_file_s_is_evidence_of_a_wrong_scale():
     bare = ModulatedTorque.from_device(stated()).run_rows(sound)[1]
     later = bare.time > 1.5
     np.testing.assert_array_equal(checked.standard_deviation[later], bare.standard_deviation[later])
+
+
+@pytest.mark.parametrize(("late", "fits"), [(1, True), (6, False)])
+def test_a_link_angle_one_sample_late_makes_the_damping_negative_but_no_fault(late, fits):
+    """A stiff joint with little damping: k d is 600 N m/rad x .5 ms."""
+    spring = {"law": "linear", "stiffness": 600.0, "max_deflection": 0.1}
+    device = Device(
+        name="stiff",
+        title="A stiff joint",
+        source=("assumed",),
+        confidence="assumed",
+        arrangement="flexible",
+        link={"inertia": 0.5, "viscous_friction": 0.1},
+        motors=[{"inertia": 0.2, "viscous_friction": 0.1}],
+        springs=[spring],
+        sensors={"rate": 1000.0, "link_quantum": 1e-6, "motor_quantum": 1e-6, "torque_noise": 0.02},
+    )
+    t = np.arange(-50, 6050) * 1e-3
+    theta, phi = 0.3 * np.sin(9.0 * t) + 0.1 * np.sin(23.0 * t), 0.03 * np.sin(14.0 * t + 1.0)
+    speed, bend = np.gradient(theta, t), np.gradient(np.gradient(theta, t), t)
+    tau = 0.2 * bend + 0.1 * speed - 600.0 * phi
+    tau[1:] = 0.5 * (tau[1:] + tau[:-1])
+    rows = np.column_stack([t, np.roll(theta + phi, late), theta, tau])[50:-50]
+    estimates = estimator_for(device).run_rows(rows)[1]
+    later = estimates.time > 2.5
+    assert estimates.column("motor_damping_1")[0][later].max() < 0.0
+    assert (np.mean(estimates.status[later] == Status.IMPLAUSIBLE) < 0.05) == fits
 
 
 def test_only_stated_tolerances_of_measured_torques_cost_a_twin():

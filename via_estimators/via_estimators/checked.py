@@ -112,8 +112,7 @@ class Checked(Wrapped):
             ratio = f" = {found / filed[at]:.2g} x the file" if at in filed else ""
             return (
                 f"{self.outputs[at]} found is {found:.3g}{ratio}, impossible for '{self.device.name}', whose file "
-                f"allows {self._bounds[0][at]:.3g} to {self._bounds[1][at]:.3g}: check signs, units (torque constant, "
-                "gear ratio) and the device file"
+                f"allows {self._bounds[0][at]:.3g} to {self._bounds[1][at]:.3g}: check signs, units and the device file"
             )
         return ""
 
@@ -181,6 +180,7 @@ class Checked(Wrapped):
     def _bounds(self) -> tuple[Array, Array]:
         """Smallest and largest plausible outputs (k,)."""
         device, given = self.device, self.device.tolerances
+        late = max(1.0 / device.sensors.rate, given.torque_timing)
         factor, motor = device_factor(given.spring), device_factor(given.motor_inertia)
         stiffest = []
         for spring in device.spring_laws:
@@ -202,6 +202,8 @@ class Checked(Wrapped):
             elif kind == "motor_inertia":
                 inertia = getattr(device.motors[int(number) - 1], "inertia", np.inf)
                 low[at], high[at] = inertia / motor, inertia * motor
+            elif kind == "motor_damping" and device.drive == "torque" and stiffest:
+                low[at] = -stiffest[int(number) - 1] * late  # q that is d late takes k d q' from a spring's torque
         return low, high
 
     def _head(self, state: Array) -> Array:
@@ -315,8 +317,7 @@ def _finish(
     """Keep the samples of the rows and grade their estimates; returns whether a comparison is due.
 
     size        of the inner estimator's state, which the HEAD follows
-    needed      (1 + k,) columns of a row without which it is skipped
-    torques     (1 + k,) columns of a row that are averaged
+    needed, torques  (1 + k,) columns of a row without which it is skipped, and those that are averaged
     low, high   bounds of the outputs
     motors      (m, 3), as `Checked._motors`
     owners      (k,), as `Checked._owners`
@@ -391,9 +392,8 @@ def _usable(row: Array) -> bool:
 def _outside(row: Array, low: Array, high: Array) -> int:
     """Number of the first output of a usable estimate that misses its bounds, from 1, or 0."""
     if _usable(row):
-        k = low.size
-        for j in range(k):
-            margin = SURE * row[2 + k + j]
+        for j in range(low.size):
+            margin = SURE * row[2 + low.size + j]
             if row[2 + j] + margin < low[j] or row[2 + j] - margin > high[j]:
                 return j + 1
     return 0
