@@ -86,6 +86,18 @@ def test_damping_and_gain_are_recovered(constant):
     assert stiffness[-1] == pytest.approx(1.2 * float(LAW.stiffness(deflection, 0.5)), rel=0.05)
 
 
+def test_nothing_is_known_before_the_first_preset_on_which_the_spring_depends(constant):
+    never, late = constant.copy(), constant.copy()
+    never[:, 4], late[:100, 4] = np.nan, np.nan
+    _, estimates = exact(memory=1e9).run_rows(never)
+    assert set(estimates.status) <= {Status.WARMING_UP, Status.NOT_EXCITED}
+    assert np.isfinite(estimates.column("stiffness")[0]).all()
+    _, estimates = exact(memory=1e9).run_rows(late)
+    assert not np.any(estimates.status[:100] == Status.OK)
+    assert np.mean(estimates.status[150:] == Status.OK) > 0.3
+    assert estimates.column("gain")[0][-1] == pytest.approx(1.2, rel=0.1)
+
+
 def test_damping_that_changes_is_followed():
     rows = swing(lambda t: 0.005 if t < 0.75 else 0.02, lambda t: 0.8 * np.sin(9.0 * t), duration=3.0)
     _, estimates = exact(memory=1.0).run_rows(rows)

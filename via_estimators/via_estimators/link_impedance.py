@@ -216,7 +216,7 @@ def _store(
     ring[RING.preset, slot] = sample[4] if window.sound(sample[4]) else np.nan
     if first or step < 0.0:
         motions[:, MOTION.angle] = logged if abs(logged - q) < 0.5 else q
-        motions[:, MOTION.preset] = sample[4] if window.sound(sample[4]) else 0.0
+        motions[:, MOTION.preset] = ring[RING.preset, slot]
         motions[:, MOTION.velocity] = motions[:, MOTION.preset_velocity] = 0.0
     ring[RING.q, slot] = q
     ring[RING.gravity, slot] = par[P.gravity_torque] * sin(q - par[P.gravity_angle])
@@ -270,6 +270,8 @@ def _learn(
     variances[2] = par[P.overlap]
     for j in range(table.shape[0]):
         each[j] = coloured.dot(psi[0], ring[RING.size + j])
+    if not np.isfinite(each).all():
+        return  # the spring depends on a preset that is not known yet
     servo_models.take(
         bank, table, time, memories, par[P.persistence], row, GAIN, each, par[P.gain_deviation], par[P.gain_prior], y,
         variances, gain,
@@ -306,7 +308,8 @@ def _stiffness(par: Array, filters: Array, motions: Array, q: float) -> tuple[fl
         if weight < NEGLIGIBLE:
             continue
         deflection = q - motions[j, MOTION.angle]
-        own = spring_stiffness(kind, spring, deflection, motions[j, MOTION.preset])
+        preset = motions[j, MOTION.preset]
+        own = spring_stiffness(kind, spring, deflection, preset if np.isfinite(preset) else 0.0)
         single = own * (par[P.gain_prior] + par[P.gain_deviation] * filters[j, at + GAIN])
         variance = filters[j, at + UNKNOWNS + GAIN * (UNKNOWNS + 1)] * (own * par[P.gain_deviation]) ** 2
         phi += weight * deflection

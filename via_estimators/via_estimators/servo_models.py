@@ -25,7 +25,7 @@ Unknowns are scaled so that the prior is x = 0, P = 1. One bank's state is a fla
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import e, exp, log
+from math import e, exp, isfinite, log
 
 import numpy as np
 from numba import njit
@@ -119,11 +119,16 @@ def start(state: Array, table: Array, n: int) -> None:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def follow(motion: Array, servo: Array, command: float, preset: float, step: float) -> None:
-    """Advance both servos of a model by `step` [s]; a command that is not finite leaves its servo to the last one."""
+    """Advance both servos of a model by `step` [s]; a command that is not finite leaves its servo to the last one.
+
+    A preset is not a number before its first command: it is where the command wants it, since it was never seen.
+    """
     w, limit = servo[SERVO.bandwidth], servo[SERVO.speed_limit]
     x, v = motion[MOTION.angle], motion[MOTION.velocity]
     motion[MOTION.angle], motion[MOTION.velocity] = limited_step(x, v, command, w, limit, step)
     x, v = motion[MOTION.preset], motion[MOTION.preset_velocity]
+    if not isfinite(x):
+        x, v = preset, 0.0
     motion[MOTION.preset], motion[MOTION.preset_velocity] = limited_step(x, v, preset, w, limit, step)
 
 
