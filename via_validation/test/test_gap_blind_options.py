@@ -173,9 +173,11 @@ def test_load_friction_of_a_position_drive_grows_with_its_torque() -> None:
     np.testing.assert_allclose(run.mean[late, 0], smooth / (1.0 - 0.25), rtol=0.03)  # tau = smooth + .25 tau
 
 
-def test_position_drives_alone_have_speed_limit_gain_and_dead_band_and_their_effects_have_a_place() -> None:
+def test_position_drives_alone_have_effects_of_their_goal_and_their_effects_have_a_place() -> None:
     device = device_of(draw_joint(np.random.default_rng(0), POSITIONED))
-    assert set(OF_POSITION) - set(CATALOGUE) == {"speed_limit", "position_gain", "position_deadband"}
+    assert set(OF_POSITION) - set(CATALOGUE) == {
+        "speed_limit", "position_gain", "position_deadband", "integral_action", "velocity_feedforward",
+    }  # fmt: skip
     assert all(entry.locations(device) for entry in OF_POSITION.values())
     assert not any(place[0] == "transmission" for entry in OF_POSITION.values() for place in entry.locations(device))
 

@@ -12,7 +12,7 @@ speed over the substep, so that no step can overshoot.
 from __future__ import annotations
 
 from collections import namedtuple
-from math import copysign, cos, exp, sin, sqrt
+from math import copysign, cos, exp, isfinite, nan, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ SIZES = {
     "offset": 3, "eccentricity": 3 * HARMONICS, "eccentric_order": 3 * HARMONICS, "eccentric_phase": 3 * HARMONICS,
     "quantum": 3, "limit": 2, "proportional": 2, "derivative": 2, "integral": 2, "smoothing": 1,
     "positioned": 1, "kp": 1, "kd": 1, "pull_limit": 1, "goal_speed": 1, "goal_delay": 1, "goal_band": 1,
-    "drive_gain": 1,
+    "drive_gain": 1, "integral_rate": 1, "lead": 1,
 }  # fmt: skip
 STARTS = np.concatenate(([0], np.cumsum(list(SIZES.values()))))
 R: Any = namedtuple("Row", list(SIZES))(*(int(start) for start in STARTS[:-1]))  # type: ignore
@@ -223,6 +223,11 @@ def run(
         shown[i] = read_angle(p, first + i, qpos[first + i])
         command[i] = qpos[first + i] if follows else 0.0
     goal, goal_delay, acted = command[0], int(p[R.goal_delay]), -substeps
+    held, sent, led = (
+        0.0,
+        nan,
+        0.0,
+    )  # integral, last command and lead of the goal of a position drive
     goals = np.full(len(references) * substeps if p[R.positioned] != 0.0 else 1, goal)
     for k in range(len(references)):
         for i in range(axes):
@@ -249,11 +254,19 @@ def run(
             for i in range(drives):
                 ctrl[i] = command[i] if abs(command[i]) >= p[R.deadband + i] else 0.0
                 if p[R.positioned] != 0.0:
-                    goals[now] = command[0]
+                    if acted == now:
+                        led = p[R.lead] * (command[0] - sent) / (substeps * h) if isfinite(sent) else 0.0
+                        sent = command[0]
+                    elif j == 0:
+                        led = 0.0
+                    goals[now] = command[0] + led
                     reach = p[R.goal_speed] * h
                     goal += min(max(goals[max(now - goal_delay, 0)] - goal, -reach), reach)
                     away = goal - read_smooth(p, 0, q)
                     pull = p[R.kp] * away if abs(away) >= p[R.goal_band] else 0.0
+                    most = p[R.pull_limit] / p[R.kp]
+                    held = min(max(held + p[R.integral_rate] * h * away, -most), most)
+                    pull += p[R.kp] * held
                     ctrl[0] = min(max(pull, -p[R.pull_limit]), p[R.pull_limit])
                     load[0] = p[R.drive_gain] * ctrl[0] - p[R.kd] * qvel[0]
                     mean[k, 0] += load[0] / substeps

@@ -38,6 +38,8 @@ class Physics:
     delay: float = 0.0  # [s] delay of the actuators; for a position drive, additional delay of its goal
     goal_speed: float = float("inf")  # [rad/s] rate limit of a position drive's goal
     position_gain: float = 1.0  # [-] factor on kp of a position drive; `gain` also scales its kd and its limit
+    integral_rate: float = 0.0  # [1/s] integral of a position drive's error, added to the error
+    feedforward: float = 0.0  # [-] share of kd that also acts on the speed of a position drive's goal
     goal_band: float = 0.0  # [rad] error of its goal below which it gives no torque
     inertia: float = 1.0  # [-] factor on the link's inertia about its axis
     gravity: float = 1.0  # [-] factor on the link's gravity torque

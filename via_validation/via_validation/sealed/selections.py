@@ -6,13 +6,33 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from via_validation.sealed.catalogue import CATALOGUE, Entry, at_site, drives, no_shape, signed, single, whole
+from via_validation.sealed.catalogue import (
+    CATALOGUE,
+    Entry,
+    Numbers,
+    Shape,
+    at_site,
+    drives,
+    no_shape,
+    signed,
+    single,
+    whole,
+)
+from via_validation.sealed.physics import Physics
+from via_validation.sealed.scene import Scene
 
 _SPEED_LIMIT = single("goal_speed", "limit", whole, lambda scene, _number, size: scene.speed[0] / size)
 _BAND = single("goal_band", "width", whole, lambda scene, _number, size: size * (scene.angles[1] - scene.angles[0]))
+_FEEDFORWARD = single("feedforward", "share", whole, lambda _scene, _number, size: size)
 _POSITION_GAIN = single("position_gain", "gain", whole, lambda _scene, _number, size: 1.0 + size)
 
-# Effects of position drives; only they have a speed limit, a position gain, or a dead band of the error.
+
+def _integral(_scene: Scene, _number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    """Integral action that begins with the run."""
+    return Physics(integral_rate=size), {"rate": size, "start": 0.0}
+
+
+# Effects of position drives; only they have a goal.
 OF_POSITION: Mapping[str, Entry] = MappingProxyType(
     {
         **{
@@ -24,6 +44,8 @@ OF_POSITION: Mapping[str, Entry] = MappingProxyType(
         },
         "speed_limit": Entry("speed_limit", at_site("command"), 0.3, 3.0, no_shape, _SPEED_LIMIT),
         "position_gain": Entry("position_gain", drives, 0.15, 0.6, signed, _POSITION_GAIN),
+        "integral_action": Entry("integral_action", drives, 0.2, 6.0, no_shape, _integral),
+        "velocity_feedforward": Entry("velocity_feedforward", drives, 0.1, 1.5, no_shape, _FEEDFORWARD),
         "position_deadband": Entry("position_deadband", drives, 0.01, 0.4, no_shape, _BAND),
     }
 )  # fmt: skip

@@ -156,7 +156,7 @@ def _row(device: Device, physics: Physics, drive: Drive, step: float) -> Array:
         row[R.positioned], row[R.kp], row[R.kd], row[R.pull_limit] = 1.0, kp, kd, servo.torque_limit
         row[R.drive_gain] = physics.gain[0]
         row[R.goal_speed], row[R.goal_delay] = min(servo.speed_limit, physics.goal_speed), round(delay / step)
-        row[R.goal_band] = physics.goal_band
+        row[R.lead] = physics.feedforward * servo.kd / kp
         row[R.viscous] += kd
     row[R.loss : R.loss + 3] += physics.friction
     row[R.viscous : R.viscous + 3] += physics.viscous
