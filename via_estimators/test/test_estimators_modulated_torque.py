@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from elastic_joints import elastic
 from scipy.integrate import solve_ivp
-from via_core.devices import Device, load_device
+from via_core.devices import load_device
 from via_core.signals import Signals
 from via_core.status import Status
 from via_estimators.methods import estimator_for
@@ -595,24 +596,13 @@ def test_grease_that_warms_up_is_no_change_of_the_springs(change):
 def test_a_stiff_spring_is_found_although_the_zeros_of_the_encoders_differ(zero):
     """10 mrad of deflection, less than the travel over which friction inside the spring builds up."""
     t, stiffness = np.arange(15000) * 1e-3, 3000.0
-    device = Device(
-        name="stiff",
-        title="A stiff joint",
-        source=("assumed",),
-        confidence="assumed",
-        arrangement="flexible",
-        link={"inertia": 1.0, "viscous_friction": 0.1},
-        motors=[{"inertia": 0.5, "viscous_friction": 3.0}],
-        springs=[{"law": "linear", "stiffness": 3150.0, "max_deflection": 0.03}],
-        sensors={"rate": 1e3, "link_quantum": 1e-4, "motor_quantum": 1e-4, "torque_noise": 0.3},
-    )
+    motor, spring = {"inertia": 0.5, "viscous_friction": 3.0}, {"stiffness": 3150.0, "max_deflection": 0.03}
+    device = elastic(1.0, motor, spring, link_quantum=1e-4, motor_quantum=1e-4, torque_noise=0.3)
 
     def motion(t):
         theta = 0.2 * np.sin(5.0 * t) + 0.1 * np.sin(13.0 * t + 1.0)
-        rate, rise = (
-            np.cos(5.0 * t) + 1.3 * np.cos(13.0 * t + 1.0),
-            -5.0 * np.sin(5.0 * t) - 16.9 * np.sin(13.0 * t + 1),
-        )
+        rate = np.cos(5.0 * t) + 1.3 * np.cos(13.0 * t + 1.0)
+        rise = -5.0 * np.sin(5.0 * t) - 16.9 * np.sin(13.0 * t + 1.0)
         phi = 0.005 * np.sin(5.0 * t + 3.0) + 0.004 * np.sin(13.0 * t + 4.2)
         return theta, phi, 0.5 * rise + 3.0 * rate - stiffness * phi
 

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_core.devices import Device, load_device
+from elastic_joints import elastic
+from via_core.devices import load_device
 from via_core.status import Status
 from via_estimators.checked import Checked
 from via_estimators.methods import estimator_for
@@ -80,18 +81,8 @@ def test_an_inertia_beside_the_file_s_is_evidence_of_a_wrong_scale():
 @pytest.mark.parametrize(("late", "fits"), [(1, True), (6, False)])
 def test_a_link_angle_one_sample_late_makes_the_damping_negative_but_no_fault(late, fits):
     """A stiff joint with little damping: k d is 600 N m/rad x .5 ms."""
-    spring = {"law": "linear", "stiffness": 600.0, "max_deflection": 0.1}
-    device = Device(
-        name="stiff",
-        title="A stiff joint",
-        source=("assumed",),
-        confidence="assumed",
-        arrangement="flexible",
-        link={"inertia": 0.5, "viscous_friction": 0.1},
-        motors=[{"inertia": 0.2, "viscous_friction": 0.1}],
-        springs=[spring],
-        sensors={"rate": 1000.0, "link_quantum": 1e-6, "motor_quantum": 1e-6, "torque_noise": 0.02},
-    )
+    motor, spring = {"inertia": 0.2, "viscous_friction": 0.1}, {"stiffness": 600.0, "max_deflection": 0.1}
+    device = elastic(0.5, motor, spring, link_quantum=1e-6, motor_quantum=1e-6, torque_noise=0.02)
     t = np.arange(-50, 6050) * 1e-3
     theta, phi = 0.3 * np.sin(9.0 * t) + 0.1 * np.sin(23.0 * t), 0.03 * np.sin(14.0 * t + 1.0)
     speed, bend = np.gradient(theta, t), np.gradient(np.gradient(theta, t), t)

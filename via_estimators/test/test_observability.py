@@ -286,8 +286,8 @@ def imbalance(device: Device, seen: Record) -> float:
     return worst
 
 
-def test_integral_and_feedforward_of_a_position_drive_are_in_its_equation():
-    """The error e of a drive that follows a smooth motion: kp e + i + kd (e + q)' f - kd q' = M q'' + D q'."""
+def test_the_integral_of_a_position_drive_is_in_its_equation():
+    """The error e of a drive that follows a smooth motion: kp e + i - kd q' = M q'' + D q', i' = ki e."""
     time = np.arange(1200) / 200.0
     q, speed, change = sines(time, (0.3, 0.1), (0.6, 1.9))
     fine = np.linspace(0.0, time[-1], 20 * 1199 + 1)

@@ -135,7 +135,8 @@ DEVICE_ROWS = (
     row(
         "servo: kp, kd", "position drive", position_drive,
         mjcf="= actuator gain, bias and damping", urdf="- gains belong to the controller",
-        sdf="= JointPositionController p_gain, d_gain", isaaclab="= stiffness, damping",
+        sdf="~ JointPositionController p_gain, d_gain | d_gain also acts on the speed of the goal",
+        isaaclab="= stiffness, damping",
         bam="= kt and R with --supply; the gain of the firmware belongs to the actuator class",
         ros2_control="= pid_controller gains p, d",
     ),

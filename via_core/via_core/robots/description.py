@@ -18,17 +18,16 @@ Origin = Literal["read", "measured", "guessed", "stated"]
 CAD, WITHOUT_ROTOR, FRICTION, GUESS = 0.05, 0.2, 0.3, 0.65
 TORQUE = 0.05  # of torques: constants of motors vary between copies by some percent, and fall as magnets warm
 RATE = 500.0  # [Hz] where no recording shows one
-ORDER = ("inertia", "viscous_friction", "coulomb_friction", "gravity_torque", "gravity_angle", "kp", "kd", "ki",
+ORDER = ("inertia", "viscous_friction", "coulomb_friction", "gravity_torque", "gravity_angle", "kp", "kd",
          "torque_limit", "speed_limit", "delay", "rate", "link_quantum", "torque_noise")  # fmt: skip
 PARTS = {
-    "servo": ("kp", "kd", "ki", "torque_limit", "speed_limit", "delay"),
+    "servo": ("kp", "kd", "torque_limit", "speed_limit", "delay"),
     "sensors": ("rate", "link_quantum", "torque_noise"),
 }
 UNITS = {
     "inertia": "kg m^2", "viscous_friction": "N m s/rad", "coulomb_friction": "N m", "gravity_torque": "N m",
-    "gravity_angle": "rad", "kp": "N m/rad", "kd": "N m s/rad", "ki": "N m/(rad s)", "torque_limit": "N m",
-    "speed_limit": "rad/s", "delay": "s", "torque_scale": "-", "rate": "Hz", "link_quantum": "rad",
-    "torque_noise": "N m",
+    "gravity_angle": "rad", "kp": "N m/rad", "kd": "N m s/rad", "torque_limit": "N m", "speed_limit": "rad/s",
+    "delay": "s", "torque_scale": "-", "rate": "Hz", "link_quantum": "rad", "torque_noise": "N m",
 }  # fmt: skip
 LINEAR = {"kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "rad": "m", "rad/s": "m/s"}
 # The tolerance of the device file that covers a number.

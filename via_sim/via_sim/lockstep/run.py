@@ -169,25 +169,30 @@ def _join(runs: _Runs, work: _Work) -> None:
 
 
 @bare
+def _sent(runs: _Runs, lane: int, tick: int, work: _Work, late: int, column: int) -> float:
+    """A column of the command of a lane from `late` ticks before: of this run, or from the queue in its first state."""
+    if late <= tick:
+        return runs.commands[max(runs.begins[lane] + tick - late, 0), column]
+    x = runs.states[lane]
+    return x[queued_at(x, (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED), late) + column]
+
+
+@bare
 def _look_back(runs: _Runs, tick: int, work: _Work, more: int) -> None:
     """Goals of the commands `more` ticks behind the dead time, and whether the drive was on, into the lanes."""
     for lane in range(len(runs.rows)):
-        late, x = work.modes[lane, MODE.late] + more, runs.states[lane]
-        queued = queued_at(x, (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED), late)
-        sent = runs.commands[max(runs.begins[lane] + tick - late, 0)]
-        work.z[Z.sent_before, lane] = x[queued + GOAL] if late > tick else sent[GOAL]
-        work.z[Z.on_before, lane] = 1.0 if (x[queued + POWER] if late > tick else sent[POWER]) > 0.5 else 0.0
+        late = work.modes[lane, MODE.late] + more
+        work.z[Z.sent_before, lane] = _sent(runs, lane, tick, work, late, GOAL)
+        work.z[Z.on_before, lane] = 1.0 if _sent(runs, lane, tick, work, late, POWER) > 0.5 else 0.0
 
 
 @bare
 def _delay(runs: _Runs, tick: int, work: _Work, more: int) -> None:
     """Commands behind the dead time, and `more` ticks behind it, into the lanes."""
     for lane in range(len(runs.rows)):
-        late, x = work.modes[lane, MODE.late] + more, runs.states[lane]
-        queued = queued_at(x, (work.number[lane] + tick) % ((x.size - X.queue) // QUEUED), late)
-        sent = runs.commands[max(runs.begins[lane] + tick - late, 0)]
+        late = work.modes[lane, MODE.late] + more
         for i in range(QUEUED):
-            work.z[Z.command + i, lane] = x[queued + i] if late > tick else sent[i]
+            work.z[Z.command + i, lane] = _sent(runs, lane, tick, work, late, i)
 
 
 @bare

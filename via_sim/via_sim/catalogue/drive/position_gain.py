@@ -15,7 +15,8 @@ def _write(spot: Spot, value: Values) -> None:
 
 KIND = EffectKind(
     name="position_gain",
-    text="the position gain kp of a position drive is gain times that of the device file; kd and the limits are not",
+    text="the position gain kp of a position drive, and ki with it, is gain times that of the device file; kd and the "
+    "limits are not",
     term="gain kp e, e the error of the goal",
     confused_with="torque_gain: also kd and the torque limit",
     sites=("motor",),

@@ -1,4 +1,4 @@
-"""Integral action of a position drive is found, and of a drive known to have it the start is no gap."""
+"""Integral action and feedforward of a position drive are found, and what is known of them is no gap."""
 
 import numpy as np
 import pytest
