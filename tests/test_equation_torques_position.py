@@ -95,3 +95,16 @@ def test_equations_know_a_goal_with_a_speed_limit_as_the_simulator_does(delay) -
     servo = f"{{kp: 4.0, kd: 0.1, ki: 8.0, speed_limit: 3.0, delay: {delay}}}"
     right, wrong = residuals(servo, [Effect("coulomb_friction", "link", {"torque": 0.1}, 0)])
     assert right < 2e-4 and wrong > 200.0 * right
+
+
+def test_a_goal_leads_for_one_sample_after_each_of_few_commands() -> None:
+    """Commands at a tenth of the rate of the samples: each change lasts a sample, then the goal stays."""
+    device = positioned(GRAVITY, "{kp: 4.0, kd: 0.1, feedforward: 1.0}")
+    plant = JointPlant.from_device(device)
+    sent = goals(wave(3000)[::10], RATE / 10.0)
+    seen = simulate(plant, sent, 2.989, RATE).measured
+    velocity = np.zeros((len(seen), 3))
+    velocity[:, 0] = seen["q_velocity"]
+    record = of_commands(device, seen, velocity, sent)
+    left = residual(plant, record)
+    assert np.sqrt(np.mean(left**2)) < 1.5e-3

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from gap_logs import positioned
 from via_core.signals import Signals
+from via_gap.candidates.covariance import delay_sd
+from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.residual.nuisance import nuisances
 from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import cut_log
 from via_gap.run.arm_equation import _drive_torque
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P
@@ -84,7 +87,13 @@ def test_a_drive_whose_damping_follows_the_goal_is_found():
     assert [each.effect for each in report.effects] == ["velocity_feedforward"]
     share = report.causes[0].parameters["share"]
     assert abs(share.value - 1.0) < 2.0 * share.sd
-    assert share.sd > 0.9 * 0.5 / 1.96 / RATE * 12.0 / 0.4  # half a sample, if commands were lines or steps
+
+
+def test_a_feedforward_is_known_to_half_a_sample_at_best():
+    """Commands may have been lines or steps: the lead of the goal, share kd / kp, is uncertain by that."""
+    model = ResidualModel.of([cut_log(recorded(positioned()))], [np.arange(2)])
+    (found,) = delay_sd(model, [Location("velocity_feedforward", "motor", 1)])
+    assert found == pytest.approx(0.5 / 1.96 / RATE * 12.0 / 0.4)
 
 
 def test_an_arm_takes_the_goal_with_its_feedforward():
