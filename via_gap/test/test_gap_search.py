@@ -86,3 +86,17 @@ def test_causes_that_are_tied_with_the_named_one_are_fitted_to_convergence_as_we
     _, after = decision.converged(experiment, scales).models
     mass, distance = after.fit.values
     assert after.fit.offsets[gravity] == 0.0 and abs(mass * distance - moment) < 0.01 * moment
+
+
+def test_a_cause_far_behind_after_one_step_is_fitted():
+    """A spring to a rest angle is a product of two parameters: one step leaves forty times the best loss."""
+    device = rigid()
+    spring = Effect("link_spring", "link", {"stiffness": 0.03, "rest": 0.6})
+    recordings = Recordings.of([log_of(device, (spring,), seed=3, duration=12.0)], None, device)
+    experiment = Experiment.of(recordings.fitted, recordings.held_out)
+    search = Search.of(
+        experiment.fitted, experiment.evaluate, lambda _: True, experiment.tuned, candidates_of(experiment)
+    )
+    fits = search._joined(search.tuned.fit)
+    best = min(fits, key=lambda each: each.loss)
+    assert best.locations[0].name == "link_spring"

@@ -24,6 +24,7 @@ from via_gap.selection.verdict import (
     _ranking,
     _tied,
     accepted,
+    compared,
     decide,
     fractions,
     improvable,
@@ -101,7 +102,7 @@ def answer(tuned: Evaluation, models: list[Evaluation]) -> tuple[list[Evaluation
     if last is tuned:
         return [], tuned
     same_size = [each for each in models if len(each.fit.effects) == len(last.fit.effects)]
-    tied = _tied(last, without_needless(same_size))
+    tied = _tied(last, compared(same_size))
     return tied, _plainest(tied)
 
 
@@ -162,7 +163,7 @@ def test_no_decision_contradicts_itself(case):
         assert all(len(model.fit.effects) == size for model in decision.models)
         if decision.equivalent:
             assert "causes explain" in decision.reason and verdict == "cannot_tell"
-            large = without_needless([m for m in models if len(m.fit.effects) == size])
+            large = compared([m for m in models if len(m.fit.effects) == size])
             assert set(places) == {p for m in large for p in m.fit.locations}, "every cause in a model of that size"
             assert set(decision.equivalent) <= set(places), "a tied cause is ranked"
         else:
@@ -250,6 +251,29 @@ def test_one_model_under_two_names_has_the_name_with_fewer_parameters():
     assert decision.named == (BACKLASH,) and decision.equivalent == (BACKLASH, STRIBECK)
     assert decision.shares == ((BACKLASH, 0.5), (STRIBECK, 0.5))
     assert decide(tuned, [long, even(1.03, BACKLASH)], reaching(1.0)).named == (STRIBECK,)
+
+
+def test_a_richer_cause_is_tied_unless_it_contains_the_plainer_one():
+    """A payload that is seen by its inertia alone; a Stribeck friction that is a Coulomb friction."""
+    tuned = even(100.0)
+    decision = decide(tuned, [even(1.01, PAYLOAD), even(1.0, INERTIA)], reaching(1.0))
+    assert decision.named == (INERTIA,) and decision.equivalent == (INERTIA, PAYLOAD)
+    assert decision.shares == ((INERTIA, 0.5), (PAYLOAD, 0.5))
+    decision = decide(tuned, [even(0.99, STRIBECK), even(1.0, COULOMB)], reaching(1.0))
+    assert decision.named == decision.equivalent == (COULOMB,) and decision.shares == ((COULOMB, 1.0),)
+
+
+def test_fitted_segments_count_where_models_of_one_size_are_compared():
+    """Held-out segments prefer one cause by chance; all together prefer the other."""
+    tuned = even(100.0)
+    lucky = replace(even(1.0, COULOMB), fitted=np.full(SEGMENTS, 1.5))
+    right = replace(even(1.1, BACKLASH), fitted=np.full(SEGMENTS, 1.0))
+    assert lucky.score < right.score and right.everywhere.score < lucky.everywhere.score
+    assert simplest([lucky, right]) is right
+    decision = decide(replace(tuned, fitted=tuned.segments), [lucky, right], reaching(1.0))
+    assert decision.named == (BACKLASH,) and dict(decision.shares)[BACKLASH] > 0.8
+    held_out_only = decide(tuned, [even(1.0, COULOMB), even(1.1, BACKLASH)], reaching(1.0))
+    assert held_out_only.named == (COULOMB,)
 
 
 @pytest.mark.parametrize("first", [COULOMB, PAYLOAD])

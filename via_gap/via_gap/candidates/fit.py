@@ -87,6 +87,14 @@ class Fit:
     def locations(self) -> tuple[Location, ...]:
         return tuple(map(Location.of, self.effects))
 
+    def reordered(self, order: Sequence[int]) -> Fit:
+        """The same fit with its effects in another order."""
+        ends = np.cumsum([0, *(len(each.parameters) for each in self.effects)])
+        own = np.concatenate([np.arange(ends[number], ends[number + 1]) for number in order])
+        tolerances = self.tolerances[:, own] if self.tolerances.size else self.tolerances
+        effects, covariance = tuple(self.effects[number] for number in order), self.covariance[np.ix_(own, own)]
+        return replace(self, effects=effects, covariance=covariance, tolerances=tolerances)
+
 
 Members = list[tuple[Location, list[float]]]  # locations of effects with their values or initial values
 
@@ -99,8 +107,7 @@ def members_of(fit: Fit) -> Members:
 def fit_on(problem: ResidualModel, fit: Fit) -> Fit:
     """The same effects and device parameters, with loss and residual on the segments of `problem`."""
     residual = problem.residual([problem.row(fit.effects, fit.offsets)])[0]
-    loss = float(problem.loss(residual) + fit.offsets @ fit.offsets)
-    return replace(fit, loss=loss, residual=residual)
+    return replace(fit, loss=float(problem.loss(residual) + fit.offsets @ fit.offsets), residual=residual)
 
 
 def event_times(fit: Fit) -> tuple[float, ...]:

@@ -51,7 +51,8 @@ def evidence(report: GapReport, cause: Cause) -> str:
     modelled = {spot_of(p) for p in report.effects if not of_measurements(p)}
     together = len(modelled) > 1 and spot_of(cause) in modelled
     model = "the model with all named effects" if together else "the model with this effect"
-    return f"Held-out data: {model} leaves {percent(cause.left)} of the squared error of the model without effects."
+    left = f"Held-out data: {model} leaves {percent(cause.left)} of the squared error of the model without effects"
+    return f"{left}." if cause.without is None else f"{left}; without this effect, {percent(cause.without)}."
 
 
 def separation(one: str, other: str) -> str:

@@ -96,10 +96,13 @@ def _where(device: Device, candidates: CandidateSet, decision: Decision, sensors
 
 
 def _weights(decision: Decision, sensors: Sequence[Cause]) -> Weights:
-    """Weight of each site: how often its effects are in the best model, plus 1 for each sensor error there."""
+    """Weight of each site: how often its effects are in the best model, plus 1 for each sensor error there.
+
+    If several effects are named, each counts by the part of the error that it explains; their mean part is 1.
+    """
     weights: Weights = defaultdict(float)
     for location, share in decision.shares if decision.named else ():
-        weights[location.site, location.motor] += share
+        weights[location.site, location.motor] += share * decision.part(location)
     for cause in sensors:
         weights[cause.site, cause.motor] += 1.0
     return weights

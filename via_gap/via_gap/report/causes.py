@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 
 import numpy as np
 from via_core.devices import Device
@@ -22,14 +23,16 @@ SENSOR_UNITS = {"quantum": "rad", "gain": "-", "torque": "N m"}
 
 
 def compared_causes(device: Device, decision: Decision, scales: Scales, tuned: Evaluation) -> tuple[Cause, ...]:
-    """Every cause compared, those named first, then by probability."""
+    """Every cause compared: those named, in the order of what they explain, then the others by probability."""
     compared = [(*ranked, model) for ranked, model in zip(decision.shares, decision.models, strict=True)]
-    compared.sort(key=lambda each: (each[0] not in decision.named, -each[1]))
+    rank = {location: number for number, location in enumerate(decision.named)}
+    compared.sort(key=lambda each: (rank.get(each[0], len(rank)), -each[1]))
     causes = [cause_of(device, place, model, scales, tuned) for place, _, model in compared]
     trust = reliability(decision.verdict, causes[0].left) if causes else 1.0
+    without = [each / max(tuned.mean_square, 1e-12) for each in decision.without]
     return tuple(
-        cause.model_copy(update={"share": share, "probability": trust * share})
-        for cause, (_, share, _) in zip(causes, compared, strict=True)
+        cause.model_copy(update={"share": share, "probability": trust * share, "without": missed})
+        for cause, (_, share, _), missed in zip_longest(causes, compared, without)
     )
 
 

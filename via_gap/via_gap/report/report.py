@@ -96,6 +96,7 @@ class Cause(Record):
     combinations: tuple[Combination, ...] = ()
     left: Number  # squared held-out error, relative to that of the fitted device parameters alone; 0 explains all
     score: Number  # mean loss of the held-out segments, see docs/method.md
+    without: Number | None = None  # `left` of the repair without this effect, if the repair has further effects
 
     @property
     def place(self) -> EffectLocation:

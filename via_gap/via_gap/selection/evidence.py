@@ -67,6 +67,15 @@ class Evaluation:
         return float(np.sqrt(np.expm1(self.score)))
 
     @property
+    def everywhere(self) -> Evaluation:
+        """The same fit with its error on all segments, for comparisons of models with equally many effects.
+
+        A few parameters hardly reduce the error of the segments they are fitted to, and hardly more in one model than
+        in the other; twice as many segments decide better between similar models.
+        """
+        return replace(self, segments=np.concatenate((self.fitted, self.segments)))
+
+    @property
     def on_fitted(self) -> Evaluation:
         """The same fit with its error on the fitted segments."""
         return Evaluation(self.fit, self.fitted, self.fitted, self.block)

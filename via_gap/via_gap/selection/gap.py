@@ -13,6 +13,7 @@ from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_
 from via_gap.residual.recordings import follows
 from via_gap.selection.achievable import Achievable
 from via_gap.selection.comparison import ModelComparison
+from via_gap.selection.contribution import by_contribution
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.rivals import rivals
@@ -66,6 +67,7 @@ def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
     scales = comparison.candidates.scales
     rivals_of = rivals(experiment.fitted, comparison.models, scales, comparison.evaluated)
     decision = decide(experiment.tuned, comparison.models, achievable.beside, rivals_of).converged(experiment, scales)
+    decision = by_contribution(decision, comparison)
     gap = measured_gap(experiment, decision.chosen, achievable)
     if not decision.named or gap.after < gap.tuned:
         return decision, gap

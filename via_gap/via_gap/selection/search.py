@@ -41,7 +41,6 @@ FITTED_WHOLE = 7  # for runs over whole recordings, where the evaluation of a fi
 PAIRS = 4  # best pairs that are fitted
 RACED = 3  # times as many candidates beside other effects, and pairs, take a first step
 FIRST = Budget(rounds=1)
-NEAR = 30.0  # times the best loss after the first step: candidates beyond it are not fitted
 CLOSE = 2.0  # times the best loss on the subset: fits below it are fitted to all segments
 CLOSEST = 4  # fits to all segments at least
 EXCHANGED = 0.9  # times the loss, below which another effect replaces an earlier one
@@ -152,9 +151,7 @@ class Search:
         first = [refine(self.few, base, each, self.scales, FIRST, jacobian) for each in candidates]
         order = sorted((each for each in first if each is not None), key=lambda each: each.loss)
         fits: list[Fit] = []
-        for number, each in enumerate(order[:most]):
-            if number > 2 and each.loss > NEAR * max(order[0].loss, 1.0 * self.few.size):
-                break
+        for each in order[:most]:
             found = refine(self.few, each, members_of(each), self.scales, Budget(rival=rival))
             if found is not None:
                 fits.append(found)

@@ -24,6 +24,7 @@ from operator import attrgetter
 from typing import Literal
 
 import numpy as np
+from via_core.signals import Array
 
 from via_gap.candidates.converged import converged
 from via_gap.candidates.covariance import delay_sd
@@ -63,6 +64,7 @@ class Decision:
     equivalent  named locations, and those that held-out data do not distinguish from them
     reason      why nothing is named, for `cannot_tell`
     widened     factor of the standard deviations of `chosen`, by calibration
+    without     mean squared error of the repair without each of its effects, if it has several (contribution.py)
     rivals      models that were fitted for this decision, in addition to those of the search
     """
 
@@ -74,11 +76,19 @@ class Decision:
     equivalent: Locations = ()
     reason: str = ""
     widened: float = 1.0
+    without: tuple[float, ...] = ()
     rivals: tuple[Evaluation, ...] = ()
 
     @property
     def named(self) -> Locations:
         return self.chosen.fit.locations
+
+    def part(self, location: Location) -> float:
+        """Error that a named effect explains beside the others, in root mean square over the mean of all; else 1."""
+        gains = [max(float(np.sqrt(left)) - self.chosen.rms, 0.0) for left in self.without]
+        if location not in self.named or not any(gains):
+            return 1.0
+        return gains[self.named.index(location)] / float(np.mean(gains))
 
     def refuted(self, tuned: Evaluation) -> Decision:
         """The decision that names nothing, because the repair does not reduce the held-out gap."""
@@ -123,7 +133,7 @@ def decide(
         if accepted(flexible_beside(tuned), tuned, tuned):
             return unnamed("unknown")
         return unnamed("cannot_tell", "the remaining error does not repeat with the motion")
-    tied = _tied(last, without_needless(_of_size(last, models)))
+    tied = _tied(last, compared(_of_size(last, models)))
     last = _plainest(tied)
     flexible = flexible_beside(last)
     if not noise_only(last):  # beside a wrong cause it may explain less than alone
@@ -179,7 +189,7 @@ def _ranking(
     rivals  further ones, as rich as `named`: none of them is needless beside it
     """
     alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
-    shares = _shares([*without_needless(_of_size(best, models)), *rivals])
+    shares = _shares([*compared(_of_size(best, models)), *rivals])
     ranked = sorted(
         ((location, round(share, 9), model) for (location, share), model in zip(*shares, strict=True)),
         key=lambda each: (-each[1], each[0] not in named.fit.locations, alone.get(each[0], np.inf)),
@@ -260,17 +270,40 @@ def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
 
 def simplest(models: Sequence[Evaluation]) -> Evaluation:
     """The best of the models without the needless ones."""
-    return min(without_needless(models), key=lambda each: (each.score, freedom(each.fit), str(each.fit.locations)))
+    return min(
+        without_needless(models), key=lambda each: (each.everywhere.score, freedom(each.fit), str(each.fit.locations))
+    )
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
     """The models without those that are not significantly better than one with fewer parameters at the same sites."""
+    return _without_needless(models, _sites)
+
+
+def compared(models: Sequence[Evaluation]) -> list[Evaluation]:
+    """The models that share probability: those that are not merely a richer form of another one.
+
+    A payload that is seen only by its inertia needs one parameter more than a changed inertia of the link, but is no
+    less likely. A Stribeck friction without any Stribeck effect is just a Coulomb friction.
+    """
+    return _without_needless(models, _plainest_kinds)
+
+
+def _without_needless(
+    models: Sequence[Evaluation], comparable: Callable[[Evaluation], Sequence[object]]
+) -> list[Evaluation]:
+    """Only models that are equal in `comparable` compete by the number of their parameters."""
 
     def needless(each: Evaluation, other: Evaluation) -> bool:
-        same = _sites(each) == _sites(other) and freedom(other.fit) < freedom(each.fit)
+        same = comparable(each) == comparable(other) and freedom(other.fit) < freedom(each.fit)
         return same and not significantly_worse(other, each)
 
     return [each for each in models if not any(needless(each, other) for other in models)]
+
+
+def _plainest_kinds(each: Evaluation) -> list[tuple[str, str, int]]:
+    """Every effect, as the simplest one that it contains, at every single site."""
+    return sorted((place.plainest, *spot) for place in each.fit.locations for spot in place.spots)
 
 
 def _sites(each: Evaluation) -> list[tuple[str, int]]:
@@ -280,10 +313,16 @@ def _sites(each: Evaluation) -> list[tuple[str, int]]:
 
 def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
     """The models in the confidence set of all models as large as the chosen one, the chosen one first."""
-    stacked = block_means(np.stack([losses(each, chosen) for each in rivals]), chosen.block)
+    stacked = _block_losses(rivals, chosen)
     kept, _ = confidence_set(stacked, resamples(stacked.shape[1]), NUMBERS.margin, NUMBERS.significance)
     others = [rivals[k] for k in kept if rivals[k] is not chosen and not outdone_by(rivals[k], chosen)]
     return [chosen, *others]
+
+
+def _block_losses(models: Sequence[Evaluation], reference: Evaluation) -> Array:
+    """(K, B) mean losses of blocks, fitted and held out."""
+    losses_ = [losses(each.everywhere, reference.everywhere) for each in models]
+    return block_means(np.stack(losses_), reference.block)
 
 
 def _agreeing(models: Sequence[Evaluation]) -> list[int]:
@@ -297,6 +336,7 @@ def _agreeing(models: Sequence[Evaluation]) -> list[int]:
 
 def _apart(one: Evaluation, other: Evaluation) -> float:
     """Mean difference of the losses of two models in a segment."""
+    one, other = one.everywhere, other.everywhere
     return float(np.mean(np.abs(losses(one, other) - losses(other, one))))
 
 
@@ -318,7 +358,7 @@ def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float],
     One model under several names has equal shares, and so have models within the margin, which does not matter.
     """
     first = [rivals[number] for number in _agreeing(rivals)]
-    stacked = block_means(np.stack([losses(each, first[0]) for each in first]), first[0].block)
+    stacked = _block_losses(first, first[0])
     means = stacked[:, resamples(stacked.shape[1])].mean(axis=2)
     weight = np.exp(np.minimum(1.0 - (means - means.min(axis=0)) / NUMBERS.margin, 0.0))
     share = (weight / weight.sum(axis=0)).mean(axis=1)

@@ -1,0 +1,42 @@
+"""Which of several named effects is the main one: that without which the repair leaves most."""
+
+import numpy as np
+import pytest
+from gap_logs import log_of, rigid
+from gap_models import BACKLASH, COULOMB, PAYLOAD, evaluated
+from via_gap.candidates.fit import Fit
+from via_gap.diagnosis import diagnose
+from via_gap.selection.verdict import Decision
+from via_sim.effects import Effect
+
+
+def test_the_main_effect_comes_first_with_what_the_repair_leaves_without_each():
+    """A small dry friction as certain as a large payload: the payload is the main effect, and its site leads."""
+    friction = Effect("coulomb_friction", "link", {"torque": 0.01})
+    payload = Effect("payload", "link", {"mass": 0.3, "distance": 0.3})
+    report = diagnose([log_of(rigid(), (friction, payload), seed=3, duration=12.0)], rigid())
+    first, second = report.causes[:2]
+    assert [first.effect, second.effect] == ["payload", "coulomb_friction"] == [each.effect for each in report.effects]
+    assert first.left == second.left < second.without < 0.5 * first.without < 1.0
+    assert all(each.without is None for each in report.causes[2:])
+
+
+def test_parts_of_named_effects_follow_what_each_explains():
+    """Root mean squares: 2 with both, 10 without the first, 4 without the second: gains 8 and 2, mean 5."""
+    model = evaluated([4.0] * 8, COULOMB, BACKLASH)
+    decision = Decision("several_effects", model, 1.0, without=(100.0, 16.0))
+    assert [decision.part(place) for place in (COULOMB, BACKLASH, PAYLOAD)] == pytest.approx([1.6, 0.4, 1.0])
+    alone = Decision("effect", evaluated([4.0] * 8, COULOMB), 1.0)
+    assert alone.part(COULOMB) == 1.0
+
+
+def test_a_fit_in_another_order_keeps_each_effect_with_its_covariance():
+    payload = Effect("payload", "link", {"mass": 0.3, "distance": 0.4})
+    friction = Effect("coulomb_friction", "link", {"torque": 0.01})
+    covariance, tolerances = np.arange(9.0).reshape(3, 3), np.arange(6.0).reshape(2, 3)
+    fit = Fit((payload, friction), np.zeros(2), 1.0, np.empty(0), covariance, tolerances)
+    other = fit.reordered([1, 0])
+    assert other.effects == (friction, payload) and other.values == [0.01, 0.3, 0.4]
+    assert other.covariance.tolist() == [[8.0, 6.0, 7.0], [2.0, 0.0, 1.0], [5.0, 3.0, 4.0]]
+    assert other.tolerances.tolist() == [[2.0, 0.0, 1.0], [5.0, 3.0, 4.0]]
+    assert other.reordered([1, 0]).covariance.tolist() == covariance.tolist()

@@ -1,0 +1,43 @@
+"""How much each named effect explains beside the others: the error of the repair without it.
+
+A repair with several effects leaves one error. Its main effect is the one without which it leaves most, after the
+other effects and the device parameters are fitted again. How often an effect is in the best model does not say this:
+a small dry friction can be certain while the delay that explains most shares its place with a lag.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from via_gap.candidates.fit import FINISHING, members_of, refine
+from via_gap.candidates.location import Location
+from via_gap.selection.comparison import ModelComparison
+from via_gap.selection.evidence import Evaluation
+from via_gap.selection.verdict import Decision
+
+
+def by_contribution(decision: Decision, comparison: ModelComparison) -> Decision:
+    """The same decision with the main effect of the repair first, and the mean squared error without each effect."""
+    chosen = decision.chosen
+    if len(decision.named) < 2:
+        return decision
+    left = [_without(out, chosen, comparison).mean_square for out in decision.named]
+    order = sorted(range(len(left)), key=lambda number: -left[number])
+    ordered = replace(chosen, fit=chosen.fit.reordered(order))
+    models = tuple(ordered if each is chosen else each for each in decision.models)
+    without = tuple(left[number] for number in order)
+    return replace(decision, chosen=ordered, models=models, without=without)
+
+
+def _without(out: Location, chosen: Evaluation, comparison: ModelComparison) -> Evaluation:
+    """The model without one of its effects: that of the search, if it was evaluated there."""
+    rest = [member for member in members_of(chosen.fit) if member[0] != out]
+    kind = {location for location, _ in rest}
+    known = (each for each in comparison.models if set(each.fit.locations) == kind)
+    if (found := next(known, None)) is not None:
+        return found
+    experiment, scales = comparison.experiment, comparison.candidates.scales
+    fit = refine(experiment.fitted, chosen.fit, rest, scales, FINISHING)
+    if fit is None:
+        return experiment.tuned
+    return (experiment.evaluate([fit]) if experiment.folds is None else experiment.folds.evaluate([fit], scales))[0]
