@@ -8,8 +8,9 @@ from gap_logs import flexible, log_of, rigid
 from via_core.devices import Device, load_device
 from via_core.signals import Signals
 from via_gap.diagnosis import diagnose
-from via_gap.logs.between import acting, in_lines, lines_finding, steps_of
+from via_gap.logs.between import LATE_TORQUES, acting, in_lines, lines_finding, steps_of
 from via_gap.logs.log import JointLog
+from via_gap.rendering.words import cautions
 from via_gap.report.withheld import before_and_after
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
@@ -144,3 +145,32 @@ def jumping(device: Device, effect: Effect, seed: int, polled: bool) -> JointLog
     plant, start = JointPlant.from_device(fast).with_effects([effect]), InitialConditions(seed=seed)
     motion = simulate(plant, commands, count / rate, rate, Sensors.of_device(fast), start).measured
     return thinned(JointLog(f"log {seed}", device, motion.select(["q"]), commands), every)
+
+
+@pytest.mark.parametrize(("samples", "named"), [(6, ()), (6, ("coulomb_friction",)), (0, ("viscous_friction",))])
+def test_measured_torques_that_are_late_are_shifted(samples, named):
+    """A filtered current, alone and beside a friction; and a friction that a shift resembles, with torques in time."""
+    friction = {
+        "coulomb_friction": Effect("coulomb_friction", "link", {"torque": 0.05}),
+        "viscous_friction": Effect("viscous_friction", "link", {"coefficient": 0.05}),
+    }
+    log = log_of(flexible(), tuple(friction[each] for each in named), seed=5, duration=15.0)
+    measured, tau = log.measured, log.measured["tau"].copy()
+    tau[samples:] = tau[: len(tau) - samples]
+    channels = {**measured.channels, "tau": tau}
+    late = replace(log, measured=Signals(measured.time, channels, measured.units, measured.held), commands=None)
+    report = diagnose([late], flexible())
+    assert report.verdict == ("effect" if named else "no_gap")
+    assert tuple(each.effect for each in report.effects) == named
+    for name in named:
+        (parameter, value), *_ = report.causes[0].parameters.items()
+        assert value.value == pytest.approx(friction[name].parameters[parameter], rel=0.03)
+    notes = [each for each in report.data_check if each.signal == LATE_TORQUES]
+    if not samples:
+        assert report.lined is None and not notes
+        return
+    (note,) = notes
+    assert note.value == pytest.approx(samples, abs=0.1)  # [ms]
+    assert f"{note.value:.3g} ms later than the angles" in " ".join(cautions(report))
+    before, after = before_and_after(report.as_read([late]), flexible(), report.repaired())
+    assert after.overall < 1.5 * report.gap.floor or after.overall < 0.1 * before.overall

@@ -20,6 +20,7 @@ from via_gap.selection.verdict import (
     Decision,
     _agreeing,
     _common,
+    _effective_number,
     _plainest,
     _ranking,
     _tied,
@@ -118,7 +119,7 @@ def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluati
         return "unknown", tuned
     if max(share) < 0.25:
         return "cannot_tell", tuned
-    if len(set(_agreeing(tied))) > 3:
+    if round(_effective_number(tied), 6) > 3.0:
         common = _common(tied, models)
         if common is None or max(parts_by_hand(tuned, common, flexible)) < 0.8:
             return "cannot_tell", tuned
@@ -230,6 +231,22 @@ def test_models_with_the_same_losses_are_one_model_under_several_names():
     assert _agreeing([one, shifted(0.6 * near, BACKLASH), shifted(1.2 * near, INERTIA)]) == [0, 0, 2]
     apart = 1.0 + 5.0 * near * (-1.0) ** np.arange(SEGMENTS)  # as good on average, and in no segment
     assert _agreeing([one, evaluated(np.expm1(apart), BACKLASH)]) == [0, 1]
+
+
+def test_tied_models_count_by_how_likely_they_are():
+    """Three or four equal ones, one of them under two names, and one that is nearly certain beside three others."""
+    places = (BACKLASH, INERTIA, DRAG, COULOMB)
+    equal = [even(1.0 + 0.01 * k, place) for k, place in enumerate(places)]
+    assert _effective_number(equal[:1]) == pytest.approx(1.0) and _effective_number(equal) == pytest.approx(4.0)
+    names = [even(1.0, BACKLASH), even(1.0, STRIBECK), even(1.01, INERTIA)]  # parts 2/3 and 1/3
+    expected = np.exp(np.log(3.0) - 2.0 / 3.0 * np.log(2.0))
+    assert _effective_number(names) == pytest.approx(expected)
+    beyond = 4.0 * NUMBERS.margin + 0.01 * np.arange(3)
+    behind = [even(float(np.expm1(np.log(2.0) + each)), place) for each, place in zip(beyond, places[1:], strict=True)]
+    weights = np.append(1.0, np.exp(1.0 - beyond / NUMBERS.margin))
+    shares = weights / weights.sum()
+    assert _effective_number([equal[0], *behind]) == pytest.approx(np.exp(-np.sum(shares * np.log(shares))))
+    assert _effective_number([equal[0], *behind]) < 2.0
 
 
 def test_what_tied_models_have_in_common_is_a_model_that_was_compared():

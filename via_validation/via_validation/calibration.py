@@ -18,7 +18,7 @@ WITH_CAUSES = ("effect", "several_effects", "main_effect", "unknown", "cannot_te
 class Calibrated:
     """One answer, compared with the truth.
 
-    left       squared held-out error that the first cause leaves; None: the answer has no causes
+    left       `GapReport.left`; None: the answer has no causes
     truth      share of the true cause in the report (of several the smallest); None: no cause can be found
     distances  of the true parameters of named effects from the reported ones, over half the 95 % interval
     widened    factor by which an earlier calibration widened these intervals

@@ -21,6 +21,7 @@ from via_gap.logs.log import JointLog
 
 OUTLYING = 3.0  # times the usual size
 AT_ONCE = 0.01  # sampling periods: shorter delays are not mentioned
+LATE_TORQUES = "torques"  # signal of the finding that measured torques are late
 RATE = 1000.0  # [Hz] of the steps that approximate a line in a free simulation
 # Standard deviations of the mean delay of commands, in periods of the log, where the motion does not show it. Lines act
 # late by half the period of the controller, any number from 0 to a half. Steps that stand for many commands act late by
@@ -29,7 +30,10 @@ LATE_SD, STEPS_SD = 0.5 / sqrt(12.0), 0.5 / 1.96
 
 
 def in_lines(log: JointLog, late: float) -> JointLog:
-    """The log with commands, or torques in their place, interpolated linearly and delayed by `late` [s]."""
+    """The log with commands, or torques in their place, interpolated linearly and delayed by `late` [s].
+
+    Negative: torques are measured late, and act earlier than recorded.
+    """
     return replace(log, lined=late)
 
 
@@ -46,7 +50,7 @@ def acting(log: JointLog, time: Array | None = None) -> Signals | None:
         return commands
     if time is None:
         time = np.arange(commands.time[0], commands.time[-1], 1.0 / RATE)
-    late = time - log.lined
+    late = time - max(log.lined, 0.0)  # measured torques may be late, and are shifted forward; commands are not
     channels = {name: _between(late, commands.time, values) for name, values in commands.channels.items()}
     return Signals(time, channels, commands.units, commands.held)
 
@@ -93,6 +97,10 @@ def along(time: Array, known: Array, values: Array) -> Array:
 def lines_finding(log: JointLog) -> Finding:
     """The finding on a log that interpolated commands explain better."""
     late = log.lined or 0.0
+    shifted = -late - 0.5 * period_of(log)  # the torque of a sample is that of the period before it
+    if shifted > AT_ONCE * period_of(log):
+        text = f"the measured torques are {1e3 * shifted:.3g} ms later than the angles, and were shifted by as much"
+        return log.finding("between samples", LATE_TORQUES, "note", 1e3 * shifted, text)
     late *= late >= AT_ONCE * period_of(log)
     delay = f", {1e3 * late:.2g} ms late," if late > 0.0 else ""
     better = f"linear interpolation{delay} explains the motion clearly better than steps"

@@ -42,6 +42,12 @@ SIGNALS = {
     "tau_link": "torque on the link", "tau_1": "torque of motor 1", "tau_2": "torque of motor 2",
 }  # fmt: skip
 QUANTITIES = {"angle": "link angle", "reversal": "time since a reversal"}  # others are called what they are
+HALVES = {  # of the motion between which a repair is transferred; others are called small and large
+    "time": ("the first half of the recordings", "the second half"),
+    "angle": ("the lower half of the angles", "the upper half"),
+    "amplitude": ("small motion", "large motion"),
+    "speed": ("slow motion", "fast motion"),
+}
 SEVERAL = 3  # logs that are named one by one
 
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import re
 
+from via_gap.logs.between import LATE_TORQUES
 from via_gap.rendering.evidence_words import names_causes, ties
 from via_gap.rendering.names import (
+    HALVES,
     QUANTITIES,
     SIGNALS,
     capital,
@@ -87,6 +89,7 @@ def cautions(report: GapReport) -> tuple[str, ...]:
     if report.verdict == "cannot_tell" and report.effects:
         held = listed([place_words(place) for place in report.effects])
         said.append(f"Of the tied causes, the effects file below contains {held}, for comparison only.")
+    said += [f"{capital(each.text)}." for each in report.data_check if each.signal == LATE_TORQUES][:1]
     at_bound = [each.name for each in report.nuisance if each.at_bound]
     if at_bound and report.verdict != "cannot_tell":
         said.append(f"Fitted to the limit of the tolerance in the device file: {listed(at_bound)}. Check this first.")
@@ -108,6 +111,7 @@ def remainder(report: GapReport) -> str:
             f"Another effect acts as well: an error of {percent(gap.after)} remains, where {percent(gap.bound)} is "
             f"achievable and sensor noise alone gives {percent(gap.floor)}."
         )
+    said += _transfer(report)
     found = largest_remainder(report)
     if found is None:
         return said
@@ -115,6 +119,18 @@ def remainder(report: GapReport) -> str:
     over = f"{QUANTITIES.get(figure.by, figure.by)} {number(worst.low)} to {number(worst.high)} {figure.unit}"
     signal = f" of the {SIGNALS.get(figure.signal, figure.signal)}" if len(gap.signals) > 1 else ""
     return f"{said} The remaining error{signal} is largest at {over}."
+
+
+def _transfer(report: GapReport) -> str:
+    """A sentence about the halves of the motion between which the repair transfers worst; empty without any."""
+    if not report.transfer:
+        return ""
+    quantity = max(report.transfer, key=lambda each: report.transfer[each])
+    one, other = HALVES.get(quantity, (f"small {quantity}", f"large {quantity}"))
+    return (
+        f" Fitted to {one} and compared on {other}, and the reverse, it leaves "
+        f"{percent(report.transfer[quantity])} of the squared error."
+    )
 
 
 def largest_remainder(report: GapReport) -> tuple[ErrorFigure, ErrorBin] | None:

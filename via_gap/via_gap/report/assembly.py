@@ -49,7 +49,7 @@ def full_report(
         holdout=context.holdout_names(recordings), reason=decision.reason if said.verdict == "cannot_tell" else "",
         explained=float(np.clip(decision.explained, 0.0, 1.0)), gap=gap,
         nuisance=context.fitted_parameters(experiment.fitted, decision.chosen.fit.offsets),
-        lined=experiment.segments[0].log.lined, widened=decision.widened,
+        lined=experiment.segments[0].log.lined, widened=decision.widened, transfer=dict(decision.transfer),
         data_check=(*recordings.findings, *findings, *lines), noise=context.channel_noise(recordings),
         not_evaluated=context.not_evaluated(recordings.first),
         figures=evidence_figures(comparison, decision, gap.by),

@@ -28,7 +28,8 @@ def compared_causes(device: Device, decision: Decision, scales: Scales, tuned: E
     rank = {location: number for number, location in enumerate(decision.named)}
     compared.sort(key=lambda each: (rank.get(each[0], len(rank)), -each[1]))
     causes = [cause_of(device, place, model, scales, tuned) for place, _, model in compared]
-    trust = reliability(decision.verdict, causes[0].left) if causes else 1.0
+    left = max(decision.transfer.values(), default=causes[0].left if causes else 1.0)
+    trust = reliability(decision.verdict, left) if causes else 1.0
     without = [each / max(tuned.mean_square, 1e-12) for each in decision.without]
     return tuple(
         cause.model_copy(update={"share": share, "probability": trust * share, "without": missed})

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from pydantic import ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 from via_core.errors import ParameterError
 from via_core.problems import problems
 from via_sim.effects import Effect
@@ -160,7 +160,7 @@ class GapReport(Record):
     causes: tuple[Cause, ...]
     equivalence_set: tuple[EffectLocation, ...]  # the named causes and those tied with them on held-out data
     conformal_set: tuple[EffectLocation, ...] = ()  # contains the true cause in 95 % of cases like the calibration's
-    effects: tuple[EffectLocation, ...]  # the repair, in the order in which they were found
+    effects: tuple[EffectLocation, ...]  # the repair, its main effect first
     gap: Gap | None
     nuisance: tuple[NuisanceValue, ...]
     data_check: tuple[Finding, ...]
@@ -169,8 +169,11 @@ class GapReport(Record):
     proposal: Proposal | None = None
     figures: Figures | None = None
     held_out: tuple[HeldOutInterval, ...] = ()  # where `gap` was measured
-    lined: NotNegative | None = None  # [s] by which commands act late on lines between samples; None: in steps
+    # [s] by which commands act late on lines between samples; negative: measured torques are late; None: in steps
+    lined: Number | None = None
     widened: NotNegative = 1.0  # factor of the standard deviations of named parameters, by calibration
+    # `left` of a main effect on half of the motion when fitted to the other, by what divides it
+    transfer: dict[str, NotNegative] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _repair_is_among_the_causes(self) -> GapReport:
@@ -187,6 +190,14 @@ class GapReport(Record):
     def by_equations(self) -> bool:
         """Whether the gap was measured by inverse dynamics."""
         return self.gap is not None and self.gap.by == "inverse dynamics"
+
+    @property
+    def left(self) -> float:
+        """Squared error, relative to that of the fitted device parameters, by which answers are counted as reliable.
+
+        That of the first cause; of a main effect, in the motion to which it transfers worst. 1 without causes.
+        """
+        return max(self.transfer.values(), default=self.causes[0].left if self.causes else 1.0)
 
     def as_read(self, logs: Sequence[JointLog]) -> list[JointLog]:
         """Logs with commands as this report took them between samples."""

@@ -5,6 +5,10 @@ effects and delay estimates it. Interpolation is used if the same effects, fitte
 on held-out data, by a relevant amount, also than with steps that have a dead time of their own. Without any effect,
 interpolation might imitate a part of one, and has to explain half of the error. A delay below half a sample cannot be
 distinguished from a slower controller; it is a note, not a cause.
+
+Measured torques that drive the simulation may also be late: a current is filtered before it is recorded. Then the
+delay is negative, and torques are shifted forward. A shift resembles viscous friction, so it is tried only beside the
+best effects.
 """
 
 from __future__ import annotations
@@ -13,6 +17,7 @@ from functools import partial
 
 import numpy as np
 from scipy.linalg import solve
+from via_sim.catalogue.sensor.channel_skew import MAX_SKEW
 
 from via_gap.candidates.fit import FINISHING, fit_on, member_slopes, members_of, refine
 from via_gap.candidates.location import Location
@@ -20,7 +25,7 @@ from via_gap.candidates.scales import Scales
 from via_gap.candidates.subset import subset
 from via_gap.logs.between import period_of
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import lined
+from via_gap.residual.segments import lined, measured_columns
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
@@ -28,6 +33,7 @@ from via_gap.selection.verdict import accepted
 
 DELAY = Location("actuator_delay", "command", 0)
 STEP = 0.05  # of a sample: finite-difference step of the delay
+TURNS = 4  # Gauss-Newton steps of the delay at most
 
 
 def with_interpolation(experiment: Experiment, best: Evaluation, scales: Scales) -> Experiment | None:
@@ -65,9 +71,29 @@ def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales
 
 def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:
     """[s] delay of interpolated commands; None if to first order they explain no more."""
+    log = few.views[0].segments.log
+    period = period_of(log)
+    ends = (-MAX_SKEW if best.fit.effects and measured_columns(log) else 0.0, 0.5 * period)
+    late, predicted = 0.0, np.inf
+    for _ in range(TURNS):
+        before = late
+        late, predicted = _step(few, best, scales, late, ends)
+        if late >= 0.0 or abs(late - before) < STEP * period:
+            break
+    now = fit_on(few, best.fit)
+    return late if predicted < now.loss - NUMBERS.margin * len(now.residual) else None
+
+
+def _step(
+    few: ResidualModel, best: Evaluation, scales: Scales, late: float, ends: tuple[float, float]
+) -> tuple[float, float]:
+    """Delay [s] of interpolated commands between `ends` after a Gauss-Newton step from `late`, and the predicted loss.
+
+    Device parameters and effects take the step as well.
+    """
     period = period_of(few.views[0].segments.log)
-    lines, later = (few.under(partial(lined, late=late)) for late in (0.0, STEP * period))
-    now, start, moved = (fit_on(each, best.fit) for each in (few, lines, later))
+    lines, later = (few.under(partial(lined, late=each)) for each in (late, late + STEP * period))
+    start, moved = fit_on(lines, best.fit), fit_on(later, best.fit)
     own = lines.nuisance_jacobian(start.effects, start.offsets, start.residual)
     shift = (moved.residual - start.residual) / STEP
     columns = [own, shift[:, None]]
@@ -82,7 +108,6 @@ def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:
     pull[known] += start.offsets
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-12))
     step = -solve(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale)), pull / scale, assume_a="pos") / scale
-    share = float(np.clip(step[-1], 0.0, 0.5))
-    step[-1] = share
-    predicted = lines.loss(start.residual + slopes @ step)
-    return share * period if predicted < now.loss - NUMBERS.margin * len(start.residual) else None
+    found = float(np.clip(late + step[-1] * period, *ends))
+    step[-1] = (found - late) / period
+    return found, float(lines.loss(start.residual + slopes @ step))

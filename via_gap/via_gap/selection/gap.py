@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,7 @@ from via_gap.selection.contribution import by_contribution
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.rivals import rivals
+from via_gap.selection.transfer import transferred
 from via_gap.selection.verdict import Decision, decide
 
 By = Literal["segments", "free run", "inverse dynamics"]
@@ -68,6 +70,8 @@ def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
     rivals_of = rivals(experiment.fitted, comparison.models, scales, comparison.evaluated)
     decision = decide(experiment.tuned, comparison.models, achievable.beside, rivals_of).converged(experiment, scales)
     decision = by_contribution(decision, comparison)
+    if decision.verdict == "main_effect":
+        decision = replace(decision, transfer=transferred(decision.chosen, experiment, scales))
     gap = measured_gap(experiment, decision.chosen, achievable)
     if not decision.named or gap.after < gap.tuned:
         return decision, gap

@@ -81,7 +81,7 @@ def shipped() -> Reliability:
 def reliability(verdict: str, left: float, numbers: Reliability | None = None) -> float:
     """Probability that the first cause of an answer of this verdict is right; 1 for verdicts without causes.
 
-    left  squared held-out error that its first cause leaves, relative to that of the fitted device parameters
+    left  `GapReport.left`
     """
     groups = (numbers or shipped()).verdicts.get(verdict)
     if not groups:

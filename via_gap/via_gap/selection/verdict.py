@@ -17,8 +17,8 @@ segments, it is the cause (`effect`, `several_effects`); if most of the explaina
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import attrgetter
 from typing import Literal
@@ -65,6 +65,7 @@ class Decision:
     reason      why nothing is named, for `cannot_tell`
     widened     factor of the standard deviations of `chosen`, by calibration
     without     mean squared error of the repair without each of its effects, if it has several (contribution.py)
+    transfer    share of the squared error that it leaves in motion to which it was not fitted (transfer.py)
     rivals      models that were fitted for this decision, in addition to those of the search
     """
 
@@ -77,6 +78,7 @@ class Decision:
     reason: str = ""
     widened: float = 1.0
     without: tuple[float, ...] = ()
+    transfer: Mapping[str, float] = field(default_factory=dict)
     rivals: tuple[Evaluation, ...] = ()
 
     @property
@@ -142,10 +144,10 @@ def decide(
     if verdict in UNNAMED:
         return unnamed(verdict, reason)
     equivalent = tuple(dict.fromkeys(location for each in (last, *tied) for location in each.fit.locations))
-    if (count := len(set(_agreeing(tied)))) > NUMBERS.largest_set:
+    if round(_effective_number(tied), 6) > NUMBERS.largest_set:
         common = _common(tied, models)
         if common is None or _verdict(tuned, common, flexible)[0] in UNNAMED:
-            reason = f"{count} causes explain these data equally well"
+            reason = f"{len(set(_agreeing(tied)))} causes explain these data equally well"
             return Decision("cannot_tell", tuned, 0.0, *_ranking(last, tied[0], models), equivalent, reason)
         # which other effect acts beside it is not certain
         verdict, last, equivalent = "main_effect", common, common.fit.locations
@@ -352,16 +354,28 @@ def _common(tied: Sequence[Evaluation], models: Sequence[Evaluation]) -> Evaluat
     return next((each for each in models if common and frozenset(each.fit.locations) == common), None)
 
 
-def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
-    """Frequency of each location in the best of `rivals` on resampled blocks, divided between similar models.
+def _parts(models: Sequence[Evaluation]) -> Array:
+    """(K,) frequency of each model in the best one on resampled blocks, divided between similar models.
 
-    One model under several names has equal shares, and so have models within the margin, which does not matter.
+    One model under several names has equal parts, and so have models within the margin, which does not matter.
     """
-    first = [rivals[number] for number in _agreeing(rivals)]
+    first = [models[number] for number in _agreeing(models)]
     stacked = _block_losses(first, first[0])
     means = stacked[:, resamples(stacked.shape[1])].mean(axis=2)
     weight = np.exp(np.minimum(1.0 - (means - means.min(axis=0)) / NUMBERS.margin, 0.0))
-    share = (weight / weight.sum(axis=0)).mean(axis=1)
+    return np.asarray((weight / weight.sum(axis=0)).mean(axis=1))
+
+
+def _effective_number(models: Sequence[Evaluation]) -> float:
+    """Number of equally likely different models that would leave as much doubt: the exponential of the entropy."""
+    different = np.bincount(_agreeing(models), weights=_parts(models))
+    shares = different[different > 0.0]
+    return float(np.exp(-np.sum(shares * np.log(shares))))
+
+
+def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
+    """Share of each location in the best of `rivals`, and of the models with it the one with the largest part."""
+    share = _parts(rivals)
     total: dict[Location, float] = {}
     model: dict[Location, tuple[float, Evaluation]] = {}
     for each, part in zip(rivals, map(float, share), strict=True):

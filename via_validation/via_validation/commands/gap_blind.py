@@ -143,7 +143,7 @@ def calibrate(
         evaluated = evaluate(name, key, json.loads(report.to_json()), None, None)
         truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
         distances = tuple(each.distance for each in evaluated.inside)
-        left = report.causes[0].left if report.causes else None
+        left = report.left if report.causes else None
         answered.append(
             Calibrated(
                 report.verdict, report.level, left, evaluated.first_right, truth, distances, widened=report.widened

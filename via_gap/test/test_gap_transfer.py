@@ -1,0 +1,48 @@
+"""Whether a repair holds in motion to which it was not fitted."""
+
+import numpy as np
+import pytest
+from gap_logs import log_of, rigid
+from via_gap.candidates.fit import refine
+from via_gap.candidates.location import Location
+from via_gap.residual.recordings import Recordings
+from via_gap.selection.comparison import candidates_of
+from via_gap.selection.experiment import Experiment
+from via_gap.selection.transfer import EVERY, _every, transferred
+from via_sim.effects import Effect
+
+DRAG = Effect("quadratic_drag", "link", {"coefficient": 0.05})
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    recordings = Recordings.of([log_of(rigid(), (DRAG,), seed=3, duration=20.0)], None, rigid())
+    return Experiment.of(recordings.fitted, recordings.held_out)
+
+
+def left_by(experiment, location: Location, start: float) -> tuple[float, dict[str, float]]:
+    """Squared error that one effect leaves of held-out motion, and of motion to which it was not fitted."""
+    scales = candidates_of(experiment).scales
+    fit = refine(experiment.fitted, experiment.tuned.fit, [(location, [start])], scales)
+    (model,) = experiment.evaluate([fit])
+    return model.mean_square / experiment.tuned.mean_square, transferred(model, experiment, scales)
+
+
+def test_the_true_effect_has_the_same_size_in_slow_and_in_fast_motion(experiment):
+    left, elsewhere = left_by(experiment, Location("quadratic_drag", "link", 0), 0.03)
+    assert elsewhere.keys() == {"time", "angle", "amplitude", "speed"}
+    assert max(elsewhere.values()) < 1.3 * left < 0.01
+
+
+def test_an_effect_that_resembles_it_fails_in_fast_motion_when_fitted_to_slow_motion(experiment):
+    """Viscous friction in place of a drag that grows with the square of the speed."""
+    left, elsewhere = left_by(experiment, Location("viscous_friction", "link", 0), 0.03)
+    assert max(elsewhere, key=elsewhere.get) == "speed"
+    assert elsewhere["speed"] > 1.4 * max(left, elsewhere["time"])
+
+
+def test_a_tenth_of_the_other_half_is_spread_evenly():
+    half = np.arange(100) % 2 == 0
+    chosen = _every(half)
+    assert not np.any(chosen & ~half) and np.sum(chosen) == 50 // EVERY
+    assert np.all(np.diff(np.flatnonzero(chosen)) == 2 * EVERY)
