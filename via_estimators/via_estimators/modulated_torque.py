@@ -6,7 +6,7 @@ both ends of a window (Prop. 1):
 
     <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + G <sat(thd / v_s), psi>
                  + sum_l F_l <z_l, psi> + g <phi, psi'> + d <tau, psi'> - sum_p a_p <f_p(phi), psi>
-                 - <hysteresis, psi> - <creep, psi> - <play, psi>
+                 + m <|tau_e(phi)| z_1, psi> - <hysteresis, psi> - <creep, psi> - <play, psi>
 
 with f_p = s (phi/s)^p / p, f_0 = s, so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of
 stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned
@@ -31,8 +31,11 @@ correlation is .04), and still they use 91 % of the information in all samples. 
 window, half a window ago: up to the present sample the estimate is continued with its trend, and its standard deviation
 grows by what the spring may have changed since.
 
-Hysteresis, creep and play of the transmission are three more unknowns (`torque_equation`). With F_l and g, they have no
-effect on many joints, and unknowns cost accuracy. So what is reported allows for the models without them (`nested`).
+The friction of a gear grows with the torque it transmits: m |tau_e| in the direction of motion. It is as large as a
+softer spring, and in phase with it where the motor drives. tau_e is the spring law found so far: the deflection is free
+of a torque's noise, delay and inertia, and a wrong scale of the spring only changes m. Hysteresis, creep and play of
+the transmission are three more unknowns (`torque_equation`). With F_l and g, these four have no effect on many joints,
+and unknowns cost accuracy. So what is reported allows for the models without them (`nested`).
 
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
@@ -53,17 +56,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import isfinite, sqrt
-from typing import Any
 
 import numpy as np
 from numba import njit
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE
 
 from via_estimators import interacting_models, nested, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
+from via_estimators.modulated_priors import loss_of, window_for
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, terms_for
 from via_estimators.torque_equation import COLUMNS, PHI, PRESET, QUANTUM, TAU, THETA, P, U
@@ -73,13 +75,10 @@ from via_estimators.window import HEADER
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
-SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
-ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
-EFFECTS = (U.long, U.short, U.loss, U.hysteresis, U.creep, U.play)  # that may be absent
+EFFECTS = (U.long, U.short, U.loss, U.gear, U.hysteresis, U.creep, U.play)  # that may be absent
 WORN = np.zeros(U.size + 3 * MOST_TERMS + 1)  # change without the spring: all friction of the motor
 WORN[U.damping : U.long + 1] = 1.0
 ABSENT = nested.odds_of(len(EFFECTS))
-RELAXATION = 0.01  # [s] standard deviation of damping over stiffness of a spring: rubber has some milliseconds
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative,
 # `interacting_models.returning`.
@@ -116,6 +115,7 @@ class ModulatedTorqueParameters(Parameters):
         0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
     )
     constant_deviation: float = parameter(300.0, "standard deviation of the constant before any data", "N m", 1e-9, 1e9)
+    gear_deviation: float = parameter(0.1, "standard deviation of a gear's friction over its load", "-", 1e-9, 1.0)
     creep_deviation: float = parameter(10.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
     play_deviation: float = parameter(20.0, "standard deviation of the stiffness missing near 0", "N m/rad", 1e-9, 1e9)
     torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
@@ -136,10 +136,10 @@ class ModulatedTorque(Estimator):
         """Scales and priors of the order of magnitude that the device file states."""
         known = transmissions.priors_of(device) | transmissions.known_of(device) | transmissions.torques_of(device)
         motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
-        window, quantum = _window_for(motor, known, device), QUANTUM * known["position_noise"]
+        window, quantum = window_for(motor, known, device), QUANTUM * known["position_noise"]
         slowest = SLOWEST * spring.max_deflection * window / device.sensors.rate
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
-        known |= _loss_of(device, known["stiffness_prior"])
+        known |= loss_of(device, known["stiffness_prior"])
         known |= {"creep_deviation": 0.5 * known["stiffness_prior"], "play_deviation": known["stiffness_prior"]}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         if device.tolerances.torque_timing > 0.0:
@@ -184,7 +184,8 @@ class ModulatedTorque(Estimator):
         shared = own.friction_deviation / sqrt(3.0)  # by the frictions that do not depend on speed
         width[: U.size] = (
             own.inertia_deviation, own.damping_deviation, shared, own.friction_deviation, shared, shared,
-            own.loss_deviation, own.delay_deviation, own.friction_deviation, own.creep_deviation, own.play_deviation,
+            own.loss_deviation, own.delay_deviation, own.gear_deviation, own.friction_deviation, own.creep_deviation,
+            own.play_deviation,
         )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
@@ -212,26 +213,6 @@ class ModulatedTorque(Estimator):
     @cached_property
     def _advance(self) -> Kernel:
         return partial(_advance, self._constants)
-
-
-def _loss_of(device: Device, stiffness: float) -> dict[str, float]:
-    """Prior of the damping of a transmission: that of its damper, or of a spring of `stiffness` [N m/rad]."""
-    of_spring = RELAXATION * stiffness
-    if device.damper is None or device.damper.site != "transmission":
-        return {"loss_deviation": of_spring}
-    least, most = (float(device.damping_of(u)) for u in (0.0, 1.0))
-    return {"loss_prior": 0.5 * (least + most), "loss_deviation": max(most, of_spring)}
-
-
-def _window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> int:
-    """Sampling intervals of the shortest window in which torque noise exceeds that of the encoders five times.
-
-    A longer window delays the estimate and hides motion, a shorter one adds encoder noise through psi''. The variances
-    are proportional to c_0 torque_noise^2 / T and c_2 (B position_noise)^2 / T^5, c_i = T^(2i+1) <psi^(i), psi^(i)>.
-    """
-    balance = motor.inertia * known["position_noise"] / known["torque_noise"]
-    span = max(SHORTEST, sqrt(balance) * (5.0 * ENERGY[1] / ENERGY[0]) ** 0.25)
-    return int(min(max(round(span * device.sensors.rate), FEWEST), MOST))
 
 
 @njit(cache=True, error_model="numpy")
@@ -271,6 +252,7 @@ def _learn(
     x, covariance = interacting_models.estimate_of(equation, n)
     span = times[length - 1] - times[0]
     y, unknown = torque_equation.fill_row(par, psi, held, late, own, span, width[U.delay] * x[U.delay], row)
+    row[U.gear] = torque_equation.gear(par, mean, width, x, psi[0], own)
     middle = own[PHI, length // 2]
     preset = own[PRESET, length // 2]
     stiffness = torque_equation.stiffness(par, mean, width, x, middle, preset, direction)[0]

@@ -35,7 +35,9 @@ P = slots(
 )  # fmt: skip
 # Followed by the coefficients of the spring law, those in proportion to the preset last. Dry friction is the sum of the
 # four from `friction` to `long`.
-U = slots("inertia", "damping", "friction", "slow", "short", "long", "loss", "delay", "hysteresis", "creep", "play")
+U = slots(
+    "inertia", "damping", "friction", "slow", "short", "long", "loss", "delay", "gear", "hysteresis", "creep", "play"
+)
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 SHORT, LONG = 2e-3, 2e-2  # [rad] travel over which the frictions `short` and `long` build up
 CREEP, COARSE = 0.3, 0.35  # [s]; share of the stiffness that relaxes
@@ -135,6 +137,29 @@ def fill_row(
             odd *= squared
     row[U.friction], row[U.slow], unknown = _friction(theta, psi[0], quantum, span / (phi.size - 1))
     return y, unknown
+
+
+@njit(cache=True, error_model="numpy")
+def gear(par: Array, mean: Array, width: Array, x: Array, psi: Array, own: Array) -> float:
+    """<|tau_e(phi)| z_1, psi> with the spring law found so far, for a gear whose friction grows with its load."""
+    order, scale, total = int(par[P.order]), par[P.deflection_scale], 0.0
+    phi, preset, on_short = own[PHI], own[PRESET], own[ON_SHORT]
+    varied = x.size - 1 - int(par[P.preset_terms])
+    shares = mean[U.size :] + width[U.size :] * x[U.size :]
+    for k in range(phi.size):
+        z, load = phi[k] / scale, 0.0
+        squared, odd, even, adjusted = z * z, z, 1.0, z * preset[k]
+        for term in range(order):
+            load += shares[term] * odd / (2 * term + 1)
+            odd *= squared
+        for term in range(order, varied - U.size):
+            load += shares[term] * even / max(2 * (term - order), 1)
+            even *= squared
+        for term in range(x.size - 1 - varied):
+            load += shares[varied - U.size + term] * adjusted / (2 * term + 1)
+            adjusted *= squared
+        total += psi[k] * abs(load * scale) * on_short[k]
+    return total
 
 
 @njit(cache=True, error_model="numpy")
