@@ -280,6 +280,33 @@ def test_a_motor_that_creeps_through_its_friction_is_no_fault():
     assert of_motor_1(noise + 0.2).impossible
 
 
+@pytest.mark.parametrize("travel", [5e-3, 1e-2])
+def test_declared_friction_that_builds_up_with_travel_is_no_fault(travel):
+    """Dry friction of the size of the load turns with the motion, some mrad after it."""
+    friction = 0.15
+    motor = QBMOVE.motors[0].model_copy(update={"coulomb_friction": friction})
+    device = QBMOVE.model_copy(update={"motors": (motor, QBMOVE.motors[1])})
+    sound, theta = moved(QBMOVE, noise=0.01), 0.25 + 0.02 * np.sin(7.0 * MOTION) + 0.015 * np.sin(17.0 * MOTION)
+    built, q = np.zeros(len(theta)), 0.1 * np.sin(5.0 * MOTION)
+    for k in range(1, len(theta)):  # Dahl's model
+        step = theta[k] - theta[k - 1]
+        built[k] = np.sign(step) + (built[k - 1] - np.sign(step)) * np.exp(-abs(step) / travel)
+    speed = np.gradient(theta, MOTION)
+    torque = motor.inertia * np.gradient(speed, MOTION) + motor.viscous_friction * speed + friction * built
+    torque = torque - QBMOVE.spring_laws[0].torque(q - theta)
+    samples = sound._replace(
+        q=q, theta=np.column_stack([theta, sound.theta[:, 1]]), torque=np.column_stack([torque, sound.torque[:, 1]])
+    )
+    for begin in np.arange(0.0, MOTION[-1] - 1.0, 0.25):
+        each = equations_of(device)[0].share(samples.between(begin, begin + 1.0))
+        assert each.unexplained < 0.25
+        assert (
+            equations_of(device)[0]
+            .share(samples._replace(torque=-samples.torque).between(begin, begin + 1.0))
+            .impossible
+        )
+
+
 @pytest.mark.parametrize("device", [QBMOVE, CUBIC], ids=lambda each: each.name)
 def test_a_motion_that_has_only_begun_is_no_fault(device):
     """Both motors leave a rest at one second against each other, so that the link repeats one number."""

@@ -2,13 +2,15 @@
 
 Motor i with a measured torque, multiplied by modulating functions (via_core.weak_form), one row per short window:
 
-    tau_i = b theta_i'' + d theta_i' + c sign(theta_i') + s(t) load_i + e - g phi_i',    load_i = -tau_e,i(phi_i)
+    tau_i = b theta_i'' + d theta_i' + c sign(theta_i') + sum_l c_l z_l + s(t) load_i + e - g phi_i'
 
-with phi_i = q - theta_i, and in a serial joint the preset of motor 2, is solved by least squares, inertia b and load
-factor s within `device_factor` of the file, friction d, c >= 0, damping g >= 0 of the transmission and an offset
-|e| <= OFFSET of the load. Springs may change during the interval: s(t) is piecewise linear with KNOTS values, each
-within its bounds; more values also explain a reversed link angle. s is constant where the link's encoder repeats one
-number, since a frozen encoder looks like such a change. What remains is compared with the largest part of the equation,
+with phi_i = q - theta_i, load_i = -tau_e,i(phi_i) (in a serial joint also of the preset, motor 2) and friction c_l z_l
+that builds up over a travel l, dz_l = dtheta_i / l within -1..1, is solved by least squares, inertia b and load factor s
+within `device_factor` of the file, friction d, c >= 0, c_l up to the declared friction with its tolerance, damping
+g >= 0 of the transmission and an offset |e| <= OFFSET of the load. Springs may change during the interval: s(t) is
+piecewise linear with KNOTS values, each within its bounds; more values also explain a reversed link angle. s is constant
+and c_l = 0 where the link's encoder repeats one number, since a frozen encoder looks like such a change or friction. What
+remains is compared with the largest part of the equation,
 
     unexplained = sqrt((rss - noise) / max(|tau|^2, |b theta''|^2, |s load|^2)),
 
@@ -69,7 +71,8 @@ TIE = 0.01  # [-] weight of their squared differences against the load of the wh
 # inertia of a wrist; wrong units change both by 57 or more.
 LOADED = 500.0, 10.0
 PRESLIDING = 2e-3  # [rad] of travel, within which dry friction has not built up and may point anywhere
-FIXED = 5  # unknowns before them: b, d, c, e, g
+TRAVELS = (2e-3, 2e-2)  # [rad] l, over which friction builds up, as in `modulated_torque`
+FIXED = 7  # unknowns before the knots: b, d, c, e, g and c_l of each travel
 PARTS = FIXED + KNOTS
 
 
@@ -100,7 +103,7 @@ class MotorEquation(Equation):
         step, link = sensors.motor_quantum or 0.0, sensors.link_quantum or 0.0
         coarse = sqrt(float(np.nanmean(stiffness**2)) * (step * step + link * link) / 12.0) if len(angle) else 0.0
         columns = finite_columns(samples.time, samples.torque[:, self.drive], angle, deflection, load)
-        # Where the link's encoder repeats one number, a frozen encoder is likelier than a spring that changes.
+        # Where the link's encoder repeats one number, a frozen encoder is likelier than a change or built-up friction.
         knots = KNOTS if np.nanmax(samples.q) > np.nanmin(samples.q) else 1
         rest = np.array([step, self.friction, coarse, knots, 1.0])
         return Share(*_motor_share(*columns, self.low, self.high, rest))
@@ -206,6 +209,17 @@ def _of_torque(weights: Array, values: Array, first: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def _built_up(angle: Array, unit: float) -> Array:
+    """The frictions (TRAVELS, N) that build up with travel over their limits, 0 in the beginning; angle in `unit`."""
+    built = np.zeros((len(TRAVELS), angle.size))
+    for j in range(len(TRAVELS)):
+        for k in range(1, angle.size):
+            moved = (angle[k] - angle[k - 1]) / (TRAVELS[j] * unit)
+            built[j, k] = min(max(built[j, k - 1] + moved, -1.0), 1.0)
+    return built
+
+
+@njit(cache=True, error_model="numpy")
 def _motor_share(
     time: Array, torque: Array, angle: Array, deflection: Array, load: Array, low: Array, high: Array, rest: Array
 ) -> tuple[float, float]:  # fmt: skip
@@ -218,6 +232,7 @@ def _motor_share(
     still = max(RESTING * rest[0], 6.0 * sqrt(noises[1]))  # a smaller range of angle is no motion
     rows, wanted = np.zeros((time.size, PARTS)), np.zeros(time.size)
     moving, travel = np.zeros(time.size, dtype=np.bool_), np.zeros(time.size)
+    built = _built_up(angle, rest[4])
     quiet = np.zeros(3)
     count = 0
     first, last = next_row(time, 0, -1)
@@ -233,6 +248,8 @@ def _motor_share(
                 row[1] -= weights[1, k] * angle[at]
                 row[2] += weights[0, k] * np.sign(angle[min(at + reach, angle.size - 1)] - angle[max(at - reach, 0)])
                 row[4] += weights[1, k] * deflection[at]
+                for j in range(len(TRAVELS)):
+                    row[5 + j] += weights[0, k] * built[j, at]
                 pull += weights[0, k] * load[at]
             row[3] = 1.0
             if rest[3] > 1.0:
@@ -296,6 +313,7 @@ def _compare(
     above[3] = OFFSET * low[3] * sqrt(np.mean(_load(rows) ** 2))
     below[3] = -above[3]
     above[4] = np.inf
+    above[5:FIXED] = rest[1] if rest[3] > 1.0 else 0.0  # more would be a spring of the motor
     used, y = rows[moving], wanted[moving]
     if len(used) > FIXED:
         gram, tie = used.T @ used, TIE * float(np.sum(_load(used) ** 2))
@@ -315,7 +333,7 @@ def _compare(
             return 0.0, 0.0
     left = wanted - rows @ x
     largest = _largest(rows, wanted, x[0], x[FIXED:])
-    free = max(rest[1], x[2] + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
+    free = max(rest[1], x[2] + x[5:FIXED].sum() + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
     for k in range(len(left)):
         held = free if not moving[k] else rest[1] if travel[k] < PRESLIDING * rest[4] else 0.0
         left[k] = np.sign(left[k]) * max(abs(left[k]) - held, 0.0)
