@@ -5,12 +5,12 @@ Motor i with a measured torque, multiplied by modulating functions (via_core.wea
     tau_i = b theta_i'' + d theta_i' + c sign(theta_i') + sum_l c_l z_l + s(t) load_i + e - g phi_i'
 
 with phi_i = q - theta_i, load_i = -tau_e,i(phi_i) (in a serial joint also of the preset, motor 2) and friction c_l z_l
-that builds up over a travel l, dz_l = dtheta_i / l within -1..1, is solved by least squares, inertia b and load factor s
-within `device_factor` of the file, friction d, c >= 0, c_l up to the declared friction with its tolerance, damping
+that builds up over a travel l, dz_l = dtheta_i / l within -1..1, is solved by least squares, inertia b and load factor
+s within `device_factor` of the file, friction d, c >= 0, c_l up to the declared friction with its tolerance, damping
 g >= 0 of the transmission and an offset |e| <= OFFSET of the load. Springs may change during the interval: s(t) is
-piecewise linear with KNOTS values, each within its bounds; more values also explain a reversed link angle. s is constant
-and c_l = 0 where the link's encoder repeats one number, since a frozen encoder looks like such a change or friction. What
-remains is compared with the largest part of the equation,
+piecewise linear with KNOTS values, each within its bounds; more values also explain a reversed link angle. s is
+constant and c_l = 0 where the link's encoder repeats one number, since a frozen encoder looks like such a change or
+friction. What remains is compared with the largest part of the equation,
 
     unexplained = sqrt((rss - noise) / max(|tau|^2, |b theta''|^2, |s load|^2)),
 

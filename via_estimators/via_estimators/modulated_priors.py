@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
+
+from via_estimators.transmissions import driving_motors_of
 
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
@@ -22,12 +23,13 @@ def loss_of(device: Device, stiffness: float) -> dict[str, float]:
     return {"loss_prior": 0.5 * (least + most), "loss_deviation": max(most, of_spring)}
 
 
-def window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> int:
+def window_for(known: dict[str, Any], device: Device) -> int:
     """Sampling intervals of the shortest window in which torque noise exceeds that of the encoders five times.
 
     A longer window delays the estimate and hides motion, a shorter one adds encoder noise through psi''. The variances
     are proportional to c_0 torque_noise^2 / T and c_2 (B position_noise)^2 / T^5, c_i = T^(2i+1) <psi^(i), psi^(i)>.
     """
-    balance = motor.inertia * known["position_noise"] / known["torque_noise"]
+    heaviest = max(motor.inertia for motor in driving_motors_of(device))
+    balance = heaviest * known["position_noise"] / known["torque_noise"]
     span = max(SHORTEST, sqrt(balance) * (5.0 * ENERGY[1] / ENERGY[0]) ** 0.25)
     return int(min(max(round(span * device.sensors.rate), FEWEST), MOST))

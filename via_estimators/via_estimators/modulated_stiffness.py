@@ -98,7 +98,7 @@ class ModulatedStiffness(Estimator):
     @classmethod
     def from_device(cls, device: Device) -> ModulatedStiffness:
         """Motors and sensors from a device file; the document's window of half a second, and N = 4."""
-        motors, spring = transmissions.motors_of(device), device.spring_laws[0]
+        motors = transmissions.motors_of(device)
         return cls(
             ModulatedStiffnessParameters(
                 **transmissions.known_of(device),
@@ -109,7 +109,7 @@ class ModulatedStiffness(Estimator):
                 motor_inertia_2=motors[-1].inertia,
                 motor_damping_1=motors[0].viscous_friction,
                 motor_damping_2=motors[-1].viscous_friction,
-                stiffness_deviation=3.0 * float(spring.stiffness(np.linspace(0.0, spring.max_deflection, 65)).max()),
+                stiffness_deviation=transmissions.priors_of(device)["stiffness_deviation"],
             )
         )
 

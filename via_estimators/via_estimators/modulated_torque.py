@@ -135,9 +135,9 @@ class ModulatedTorque(Estimator):
     def from_device(cls, device: Device) -> ModulatedTorque:
         """Scales and priors of the order of magnitude that the device file states."""
         known = transmissions.priors_of(device) | transmissions.known_of(device) | transmissions.torques_of(device)
-        motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
-        window, quantum = window_for(motor, known, device), QUANTUM * known["position_noise"]
-        slowest = SLOWEST * spring.max_deflection * window / device.sensors.rate
+        window, quantum = window_for(known, device), QUANTUM * known["position_noise"]
+        shortest = min(spring.max_deflection for spring in device.spring_laws)
+        slowest = SLOWEST * shortest * window / device.sensors.rate
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
         known |= loss_of(device, known["stiffness_prior"])
         known |= {"creep_deviation": 0.5 * known["stiffness_prior"], "play_deviation": known["stiffness_prior"]}

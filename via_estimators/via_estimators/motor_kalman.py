@@ -101,10 +101,10 @@ class MotorKalman(Estimator):
         Dry friction is smoothed over the velocity by which it changes a motor's within a sample, or more.
         """
         known = transmissions.priors_of(device) | transmissions.known_of(device) | transmissions.torques_of(device)
-        motor = transmissions.motors_of(device)[0]
-        slowest = motor.coulomb_friction / (motor.inertia * device.sensors.rate)
+        motors = transmissions.driving_motors_of(device)
+        slowest = max(motor.coulomb_friction / (motor.inertia * device.sensors.rate) for motor in motors)
         known |= {"friction_velocity": max(cls.kind.friction_velocity, slowest)}
-        known |= {"inertia_deviation": INERTIA_KNOWN * motor.inertia}
+        known |= {"inertia_deviation": INERTIA_KNOWN * known["inertia_prior"]}
         order, even = terms_for(device.spring_laws)
         return cls(cls.kind(**known, order=order, even_terms=even))
 

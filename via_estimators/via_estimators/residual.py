@@ -40,7 +40,7 @@ from via_estimators import rls, transmissions, window
 from via_estimators.basis import BASES, MOST_TERMS, fill_basis
 from via_estimators.contract import Estimator, Kernel, Parameters, choice, expect, parameter
 from via_estimators.signal_based import SignalBased
-from via_estimators.slots import row_of, slots
+from via_estimators.slots import slots
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
@@ -78,6 +78,10 @@ class ResidualParameters(Parameters):
     inertia_tolerance: float = parameter(0.0, "standard deviation of the nominal inertia", "kg m^2", 0.0, 1e3)
     damping: float = parameter(0.1, "nominal motor damping D", "N m s/rad", 0.0, 1e4)
     damping_tolerance: float = parameter(0.0, "standard deviation of the nominal damping", "N m s/rad", 0.0, 1e4)
+    inertia_2: float = parameter(0.02, "that of motor 2", "kg m^2", 0.0, 1e3)
+    inertia_tolerance_2: float = parameter(0.0, "standard deviation of that", "kg m^2", 0.0, 1e3)
+    damping_2: float = parameter(0.1, "damping of motor 2", "N m s/rad", 0.0, 1e4)
+    damping_tolerance_2: float = parameter(0.0, "standard deviation of that", "N m s/rad", 0.0, 1e4)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-12, 1e9)
     acceleration: float = parameter(20.0, "sqrt(V_a) of the Kalman filters of angles", "rad/s^2", 1e-3, 1e9)
     quantum: float = parameter(0.0, "step of the encoders; 0: plain Kalman filter", "rad", 0.0, 0.1)
@@ -104,10 +108,7 @@ class Residual(Estimator):
             ResidualParameters(
                 **{name: getattr(like, name) for name in shared},
                 **transmissions.encoders_of(device),
-                inertia=like.inertia_prior,
-                inertia_tolerance=0.05 * like.inertia_prior,
-                damping=like.damping_prior,
-                damping_tolerance=0.1 * like.damping_prior,
+                **transmissions.given_motors_of(device, 0.05, 0.1),
             )
         )
 
@@ -124,9 +125,10 @@ class Residual(Estimator):
 
     @cached_property
     def _constants(self) -> tuple[Array, Array]:
-        """Parameter rows of kernel and Kalman filters; writable, since a locked array compiles again."""
+        """Parameter rows of the motors (m, ..) and of Kalman filters; writable, since a locked array compiles again."""
         own = self.parameters
-        return row_of(P, own, length=own.window + 1, basis=BASES[own.basis]), kalman.parameter_row(own)
+        rows = transmissions.of_each_motor(P, own, length=own.window + 1, basis=BASES[own.basis])
+        return np.stack(rows), kalman.parameter_row(own)
 
     @property
     def _each(self) -> int:
@@ -251,7 +253,8 @@ def _evaluate(par: Array, part: Array, g: Array, bend: Array, warming: bool) -> 
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(par: Array, kinematic: Array, state: Array, rows: Array, out: Array) -> int:
+def _advance(each: Array, kinematic: Array, state: Array, rows: Array, out: Array) -> int:
+    par = each[0]  # that of motor 1; all rows agree but in inertia and damping
     length, m, terms = int(par[P.length]), int(par[P.transmissions]), int(par[P.terms])
     value, sd = window.outputs(state, 1 + m)
     at = HEADER.size + 2 * value.size
@@ -279,14 +282,14 @@ def _advance(par: Array, kinematic: Array, state: Array, rows: Array, out: Array
             swing = window.span_of(ring[i]) if full else 0.0
             joint[JOINT.motion] = min(joint[JOINT.motion], swing)
             fill_basis(int(par[P.basis]), phi, par[P.deflection_scale], f, g, bend)
-            _filter(par, part, f, velocity, rows[k, 3 + 2 * i], elapsed, restarted)
+            _filter(each[i], part, f, velocity, rows[k, 3 + 2 * i], elapsed, restarted)
             converged = par[P.bandwidth] * part[KEPT.age] >= CONVERGED
             moving = full and swing >= par[P.minimum_motion] and converged
             if moving:
-                _fit(par, part, velocity, residuals, row, gain)
+                _fit(each[i], part, velocity, residuals, row, gain)
                 transmissions.visit(part, phi)
             warming = part[KEPT.taken] < length
-            stiffness, slope, uncertain = _evaluate(par, part, g, bend, warming)
+            stiffness, slope, uncertain = _evaluate(each[i], part, g, bend, warming)
             found = sqrt(uncertain + slope * slope * (link[kalman.F.p_xx] + motor[kalman.F.p_xx]))
             transmissions.update(value, sd, 1 + i, stiffness, found, warming or moving)
             transmissions.add(joint, stiffness, sd[1 + i], slope, link[kalman.F.p_xx], 0.0)

@@ -18,7 +18,7 @@ from via_core.signals import Array
 from via_core.status import NOT_EXCITED, OK, OUTSIDE_RANGE, WARMING_UP
 
 from via_estimators import window
-from via_estimators.slots import slots
+from via_estimators.slots import row_of, slots
 
 TYPICAL = 0.05  # of the spring's largest torque: friction, or a constant torque
 VISITED = slots("low", "high", "any")  # smallest and largest deflection visited [rad], 1 if there is any
@@ -34,17 +34,36 @@ def motors_of(device: Device) -> tuple[TorqueMotor, ...]:
     return motors
 
 
+def driving_motors_of(device: Device) -> tuple[TorqueMotor, ...]:
+    """Those of `motors_of` that load a spring: not the one that sets the preset of a serial joint."""
+    return motors_of(device)[: device.n_transmissions]
+
+
+def given_motors_of(device: Device, inertia: float, damping: float) -> dict[str, Any]:
+    """Inertia and damping of each motor for methods that do not estimate them; standard deviations over them."""
+    known: dict[str, Any] = {}
+    for suffix, motor in zip(("", "_2"), driving_motors_of(device), strict=False):
+        known |= {f"inertia{suffix}": motor.inertia, f"inertia_tolerance{suffix}": inertia * motor.inertia}
+        friction = motor.viscous_friction
+        known |= {f"damping{suffix}": friction, f"damping_tolerance{suffix}": damping * friction}
+    return known
+
+
 def known_of(device: Device) -> dict[str, Any]:
-    """Parameters that every form of the equation takes from a device file: counts, scales and sensor noise."""
-    spring, sensors = device.spring_laws[0], device.sensors
-    stop = spring.max_deflection
+    """Parameters that every form of the equation takes from a device file: counts, scales and sensor noise.
+
+    One number serves all transmissions and must not depend on their order: the largest scale, the least motion.
+    """
+    springs, sensors = device.spring_laws, device.sensors
+    stops = [spring.max_deflection for spring in springs]
     quantum = max(sensors.link_quantum or 0.0, sensors.motor_quantum or 0.0)
+    strongest = max(float(spring.torque(spring.max_deflection)) for spring in springs)
     return {
         "transmissions": device.n_transmissions,
-        "deflection_scale": stop,
-        "torque_noise": sensors.torque_noise or 1e-3 * float(spring.torque(stop)),
+        "deflection_scale": max(stops),
+        "torque_noise": sensors.torque_noise or 1e-3 * strongest,
         "position_noise": quantum / sqrt(12.0),
-        "minimum_motion": max(0.001 * stop, 4.0 * quantum),
+        "minimum_motion": max(0.001 * min(stops), 4.0 * quantum),
     }
 
 
@@ -55,31 +74,35 @@ def encoders_of(device: Device) -> dict[str, Any]:
 
 
 def priors_of(device: Device) -> dict[str, Any]:
-    """Prior means and standard deviations of stiffness, motor inertia and damping: the device file's orders of size."""
-    motor, spring = motors_of(device)[0], device.spring_laws[0]
-    stiffness = spring.stiffness(np.linspace(0.0, spring.max_deflection, 65))
+    """Prior means and standard deviations of stiffness, motor inertia and damping: the device file's orders of size.
+
+    One prior serves all transmissions: the mean of their numbers, with a standard deviation of the largest.
+    """
+    motors = driving_motors_of(device)
+    stiffness = [spring.stiffness(np.linspace(0.0, spring.max_deflection, 65)) for spring in device.spring_laws]
+    inertia, damping = [motor.inertia for motor in motors], [motor.viscous_friction for motor in motors]
     return {
-        "stiffness_prior": float(stiffness.mean()),
-        "stiffness_deviation": 3.0 * float(stiffness.max()),
-        "inertia_prior": motor.inertia,
-        "inertia_deviation": motor.inertia,
-        "damping_prior": motor.viscous_friction,
-        "damping_deviation": max(motor.viscous_friction, 1e-6),
+        "stiffness_prior": float(np.mean(stiffness)),
+        "stiffness_deviation": 3.0 * float(np.max(stiffness)),
+        "inertia_prior": float(np.mean(inertia)),
+        "inertia_deviation": max(inertia),
+        "damping_prior": float(np.mean(damping)),
+        "damping_deviation": max(*damping, 1e-6),
     }
 
 
 def torques_of(device: Device) -> dict[str, Any]:
     """Priors [N m] of the torques beside a spring law that is 0 in the middle: dry friction, and a constant.
 
-    Either may be some percent of the spring's largest torque, whatever the device file says: the constant is due to the
-    zeros of two encoders and of the torque, and to the spring law.
+    Either may be some percent of the largest torque of a spring, whatever the device file says: the constant is due to
+    the zeros of two encoders and of the torque, and to the spring law.
     """
-    friction, spring = motors_of(device)[0].coulomb_friction, device.spring_laws[0]
-    typical = TYPICAL * abs(float(spring.torque(spring.max_deflection)))
+    friction = [motor.coulomb_friction for motor in driving_motors_of(device)]
+    typical = TYPICAL * max(abs(float(spring.torque(spring.max_deflection))) for spring in device.spring_laws)
     return {
-        "friction_prior": friction,
-        "friction_deviation": max(friction, typical),
-        "constant_deviation": max(abs(float(spring.torque(0.0))), typical),
+        "friction_prior": float(np.mean(friction)),
+        "friction_deviation": max(*friction, typical),
+        "constant_deviation": max(*(abs(float(spring.torque(0.0))) for spring in device.spring_laws), typical),
     }
 
 
@@ -108,6 +131,13 @@ def prior_outputs(parameters: Any, *names: str) -> Array:
     means = [getattr(parameters, f"{name}_prior") for name in each]
     widths = [getattr(parameters, f"{name}_deviation") for name in each]
     return np.array([m * means[0], *means, sqrt(m) * widths[0], *widths])
+
+
+def of_each_motor(table: Any, parameters: Any, **given: float) -> list[Array]:
+    """`row_of` for every motor: its inertia and damping [SI] with their standard deviations, where these are given."""
+    names = ("inertia", "inertia_tolerance", "damping", "damping_tolerance")
+    each = [{name: getattr(parameters, name + suffix) for name in names} for suffix in ("", "_2")]
+    return [row_of(table, parameters, **given, **own) for own in each[: parameters.transmissions]]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -42,7 +42,7 @@ from via_estimators import qr, transmissions, window
 from via_estimators.basis import BASES, LEGENDRE, MOST_TERMS, POWERS, fill_basis, swing_of_last
 from via_estimators.contract import Estimator, Kernel, Parameters, choice, expect, parameter
 from via_estimators.deadbeat_observer import NOW, OVER_MEAN, OVER_SLOPE, OWN, STEPS
-from via_estimators.slots import row_of, slots
+from via_estimators.slots import slots
 from via_estimators.spring_series import terms_for
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
@@ -83,6 +83,10 @@ class UnknownInputObserverParameters(Parameters):
     inertia_tolerance: float = parameter(0.0, "standard deviation of the motor inertia", "kg m^2", 0.0, 1e3)
     damping: float = parameter(0.1, "motor damping D", "N m s/rad", 0.0, 1e4)
     damping_tolerance: float = parameter(0.0, "standard deviation of the motor damping", "N m s/rad", 0.0, 1e4)
+    inertia_2: float = parameter(0.02, "that of motor 2", "kg m^2", 1e-9, 1e3)
+    inertia_tolerance_2: float = parameter(0.0, "standard deviation of that", "kg m^2", 0.0, 1e3)
+    damping_2: float = parameter(0.1, "damping of motor 2", "N m s/rad", 0.0, 1e4)
+    damping_tolerance_2: float = parameter(0.0, "standard deviation of that", "N m s/rad", 0.0, 1e4)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
@@ -98,9 +102,8 @@ class UnknownInputObserver(Estimator):
     @classmethod
     def from_device(cls, device: Device) -> UnknownInputObserver:
         """Motor with its tolerances, scales and priors from a device file."""
-        motor, known = transmissions.motors_of(device)[0], transmissions.known_of(device)
-        priors, tolerances = transmissions.priors_of(device), device.tolerances
-        typical = 0.05 * abs(float(device.spring_laws[0].torque(known["deflection_scale"])))
+        priors, torques = transmissions.priors_of(device), transmissions.torques_of(device)
+        known, tolerances = transmissions.known_of(device), device.tolerances
         order, even = terms_for(device.spring_laws)
         return cls(
             UnknownInputObserverParameters(
@@ -110,12 +113,9 @@ class UnknownInputObserver(Estimator):
                 terms=min(order + even, MOST_TERMS),
                 stiffness_prior=priors["stiffness_prior"],
                 stiffness_deviation=priors["stiffness_deviation"],
-                friction_prior=motor.coulomb_friction,
-                friction_deviation=max(motor.coulomb_friction, typical),
-                inertia=motor.inertia,
-                inertia_tolerance=tolerances.motor_inertia * motor.inertia,
-                damping=motor.viscous_friction,
-                damping_tolerance=tolerances.motor_friction * motor.viscous_friction,
+                friction_prior=torques["friction_prior"],
+                friction_deviation=torques["friction_deviation"],
+                **transmissions.given_motors_of(device, tolerances.motor_inertia, tolerances.motor_friction),
             )
         )
 
@@ -132,11 +132,12 @@ class UnknownInputObserver(Estimator):
 
     @cached_property
     def _constants(self) -> Array:
-        """Parameter row of the kernel; writable, since a locked array compiles again."""
+        """Parameter rows (m, ..) of the kernel; writable, since a locked array compiles again."""
         own = self.parameters
         mean, width = np.zeros(own.terms + 1), np.full(own.terms + 1, own.stiffness_deviation)
         mean[0], mean[-1], width[-1] = own.stiffness_prior, own.friction_prior, own.friction_deviation
-        return np.concatenate([row_of(P, own, length=own.window + 1, basis=BASES[own.basis]), mean, width])
+        rows = transmissions.of_each_motor(P, own, length=own.window + 1, basis=BASES[own.basis])
+        return np.stack([np.concatenate([row, mean, width]) for row in rows])
 
     def init(self) -> Array:
         own, k = self.parameters, len(self.outputs)
@@ -320,7 +321,8 @@ def _report(
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
+def _advance(each: Array, state: Array, rows: Array, out: Array) -> int:
+    par = each[0]  # that of motor 1; all rows agree but in inertia and damping
     m, terms = int(par[P.transmissions]), int(par[P.terms])
     value, sd = window.outputs(state, 1 + m)
     at = HEADER.size + 2 * value.size
@@ -340,7 +342,7 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             continue
         transmissions.begin(joint)
         for i in range(m):
-            part, theta = parts[i], rows[k, 2 + 2 * i]
+            part, own, theta = parts[i], each[i], rows[k, 2 + 2 * i]
             phi, observed = rows[k, 1] - theta, _views(part, terms)[1]
             fill_basis(int(par[P.basis]), phi, par[P.deflection_scale], basis[0], basis[1], basis[2])
             if entered == window.RESTARTED:
@@ -348,17 +350,17 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
                 observer.begin(observed, theta, phi, basis[0])
             else:
                 observer.advance(
-                    observed, par[P.inertia], par[P.damping], rows[k, 0] - before, theta, phi, rows[k, 3 + 2 * i],
+                    observed, own[P.inertia], own[P.damping], rows[k, 0] - before, theta, phi, rows[k, 3 + 2 * i],
                     basis[0], 0.5 * (par[P.length] + 1.0), row,
                 )  # fmt: skip
                 if observed[NOW.count] >= par[P.length]:
                     part[KEPT.moved] = observed[NOW.high] - observed[NOW.low]
                     part[KEPT.moving] = 1.0 if part[KEPT.moved] >= par[P.minimum_motion] else 0.0
                     if part[KEPT.moving] > 0.0:
-                        _learn(par, part, rows[k, 0], found, equation, x)
+                        _learn(own, part, rows[k, 0], found, equation, x)
                         transmissions.visit(part, observed[NOW.low])
                         transmissions.visit(part, observed[NOW.high])
                     observer.begin(observed, theta, phi, basis[0])
-            _report(par, part, phi, i, value, sd, joint, basis, x, slope)
+            _report(own, part, phi, i, value, sd, joint, basis, x, slope)
         transmissions.finish(joint, state, value, sd, out[k])
     return int(out[-1, 1])
