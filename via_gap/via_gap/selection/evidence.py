@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import norm
 from via_core.signals import Array, Indices
 
-from via_gap.candidates.fit import Fit, event_times
+from via_gap.candidates.fit import Fit
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.numbers import NUMBERS
 
@@ -140,14 +140,14 @@ def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
 
 
 def outdone_by(a: Evaluation, b: Evaluation) -> bool:
-    """Whether a is refuted beside b, or lacks an event of b: an effect that begins or ends at a time of the run.
+    """Whether a is refuted beside b, or leaves what b explains: something that happens in few segments.
 
-    Resamples assume that blocks are alike, which an event contradicts. It is certain if a leaves more than b in the
-    mean and in the largest error, by more than noise is known: what b leaves shows how large the errors of a model with
-    small faults (a belt, a slow sensor) can be in this log. Of several such events, one is not enough: the others keep
-    the mean up. A few whole runs do not show how large errors can be.
+    Resamples assume that blocks are alike, which a push or a limit that is reached twice contradicts. It is certain if
+    a leaves more than b in the mean and in the largest error, by more than noise is known: what b leaves shows how
+    large the errors of a model with small faults (a belt, a slow sensor) can be in this log. Of several such events,
+    one is not enough: the others keep the mean up. A few whole runs do not show how large errors can be.
     """
-    if refuted_beside(a, b) or a.whole or not event_times(b.fit):
+    if refuted_beside(a, b) or a.whole:
         return refuted_beside(a, b)
     factor = NUMBERS.no_gap**2
     pairs = ((np.mean(each.segments), np.max(each.segments)) for each in (a, b))

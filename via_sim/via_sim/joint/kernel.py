@@ -47,7 +47,7 @@ from via_sim.joint.structure import EVERYTHING, structure_of
 from via_sim.joint.terms import saturated
 from via_sim.joint.torques import find_modes, forced, prepare, remember, spring_factor, violation
 
-_MAX_EVENTS, _MAX_TRIALS = 64, 100  # per substep, per event
+_MAX_EVENTS, _MAX_TRIALS = 8, 100  # per substep: more are chatter at a jump of a torque; per event
 _WHOLE, _MIDPOINT, _LOCATE, _LAST = range(4)  # what a trial step is for
 _EVENT_WIDTH = 1e-12  # accuracy of the location of an event, relative to a substep
 
