@@ -11,7 +11,7 @@ from via_gap.logs.log import JointLog
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import candidates_of
 from via_gap.selection.experiment import Experiment
-from via_gap.selection.search import Search
+from via_gap.selection.search import PREDICTED, Search
 from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
@@ -52,7 +52,7 @@ def test_a_cause_that_a_linear_prediction_ranks_low_is_fitted():
     predicted = [place.name for _, place, _ in places].index("load_dependent_friction")
     fits = search._raced(search.start, [[(p, v)] for _, p, v in places], search.jacobian, 4)
     best = min(fits, key=lambda each: each.loss)
-    assert predicted > 4 and len(fits) == 4  # the prediction alone would have left it out
+    assert predicted > 4 and 4 <= len(fits) <= 4 + PREDICTED  # the prediction alone would have left it out
     assert best.locations[0].name == "load_dependent_friction" and best.loss < 0.05 * search.start.loss
 
 

@@ -40,6 +40,7 @@ FITTED_NEXT = 4  # beside other effects
 FITTED_WHOLE = 7  # for runs over whole recordings, where the evaluation of a fit needs several more fits
 PAIRS = 4  # best pairs that are fitted
 RACED = 3  # times as many candidates beside other effects, and pairs, take a first step
+PREDICTED = 2  # best ones of the linear prediction that are fitted in any case
 FIRST = Budget(rounds=1)
 CLOSE = 2.0  # times the best loss on the subset: fits below it are fitted to all segments
 CLOSEST = 4  # fits to all segments at least
@@ -146,12 +147,16 @@ class Search:
     ) -> list[Fit]:
         """Fits on the subset of the best `most` of some candidates, after one step of each from `base`.
 
-        Far from a model that explains the motion, a linear prediction ranks them wrongly; one step shows by how much.
+        candidates  ordered by a linear prediction of their loss
+
+        Far from a model that explains the motion, the prediction ranks them wrongly; one step shows by how much. Where
+        device parameters are far from their values, so does the step: the best predictions are fitted as well.
         """
         first = [refine(self.few, base, each, self.scales, FIRST, jacobian) for each in candidates]
-        order = sorted((each for each in first if each is not None), key=lambda each: each.loss)
+        begun = [each for each in first if each is not None]
+        order = sorted(begun, key=lambda each: each.loss)[:most]
         fits: list[Fit] = []
-        for each in order[:most]:
+        for each in (*order, *(each for each in begun[:PREDICTED] if each not in order)):
             found = refine(self.few, each, members_of(each), self.scales, Budget(rival=rival))
             if found is not None:
                 fits.append(found)
