@@ -30,6 +30,13 @@ def test_parts_of_named_effects_follow_what_each_explains():
     assert alone.part(COULOMB) == 1.0
 
 
+def test_a_refuted_decision_keeps_nothing_of_its_repair():
+    model, tuned = evaluated([4.0] * 8, COULOMB, BACKLASH), evaluated([9.0] * 8)
+    decision = Decision("main_effect", model, 0.9, without=(100.0, 16.0), transfer={"speed": 0.1}).refuted(tuned)
+    assert (decision.verdict, decision.named, decision.equivalent) == ("cannot_tell", (), ())
+    assert decision.without == () and decision.transfer == {} and decision.reason
+
+
 def test_a_fit_in_another_order_keeps_each_effect_with_its_covariance():
     payload = Effect("payload", "link", {"mass": 0.3, "distance": 0.4})
     friction = Effect("coulomb_friction", "link", {"torque": 0.01})

@@ -6,6 +6,7 @@ from gap_logs import log_of, rigid
 from via_gap.candidates.fit import refine
 from via_gap.candidates.location import Location
 from via_gap.residual.recordings import Recordings
+from via_gap.selection import transfer
 from via_gap.selection.comparison import candidates_of
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.transfer import EVERY, _every, transferred
@@ -39,6 +40,15 @@ def test_an_effect_that_resembles_it_fails_in_fast_motion_when_fitted_to_slow_mo
     left, elsewhere = left_by(experiment, Location("viscous_friction", "link", 0), 0.03)
     assert max(elsewhere, key=elsewhere.get) == "speed"
     assert elsewhere["speed"] > 1.4 * max(left, elsewhere["time"])
+
+
+def test_a_quantity_in_which_most_segments_are_alike_divides_nothing(experiment, monkeypatch):
+    """A joint that rests in most segments has speed 0 there."""
+    quantities = transfer._quantities(experiment.everywhere().views)
+    resting = np.where(np.arange(len(quantities["speed"])) % 3 == 0, quantities["speed"], 0.0)
+    assert np.median(resting) == 0.0
+    monkeypatch.setattr(transfer, "_quantities", lambda _views: {**quantities, "speed": resting})
+    assert left_by(experiment, Location("quadratic_drag", "link", 0), 0.03)[1].keys() == {"time", "angle", "amplitude"}
 
 
 def test_a_tenth_of_the_other_half_is_spread_evenly():

@@ -44,6 +44,8 @@ def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> d
     found = {}
     for name, values in _quantities(problem.views).items():
         low = values < np.median(values)
+        if not np.any(low):  # most segments are alike, such as those of a joint that rests
+            continue
         left = np.full(len(before), np.nan)
         for half in (low, ~low):
             kept = half | events | _every(~half)

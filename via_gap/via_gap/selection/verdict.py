@@ -95,7 +95,8 @@ class Decision:
     def refuted(self, tuned: Evaluation) -> Decision:
         """The decision that names nothing, because the repair does not reduce the held-out gap."""
         reason = "the effects that explain the fitted recordings do not reduce the error of the held-out ones"
-        return replace(self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=reason)
+        named_nothing = replace(self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=reason)
+        return replace(named_nothing, without=(), transfer={})
 
     def converged(self, experiment: Experiment, scales: Scales) -> Decision:
         """The same decision with the chosen model, and those tied with it, fitted to convergence."""
