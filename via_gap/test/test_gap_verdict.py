@@ -289,19 +289,6 @@ def test_a_richer_cause_is_tied_unless_it_contains_the_plainer_one():
     assert decision.named == decision.equivalent == (COULOMB,) and decision.shares == ((COULOMB, 1.0),)
 
 
-def test_fitted_segments_count_where_models_of_one_size_are_compared():
-    """Held-out segments prefer one cause by chance; all together prefer the other."""
-    tuned = even(100.0)
-    lucky = replace(even(1.0, COULOMB), fitted=np.full(SEGMENTS, 1.5))
-    right = replace(even(1.1, BACKLASH), fitted=np.full(SEGMENTS, 1.0))
-    assert lucky.score < right.score and right.everywhere.score < lucky.everywhere.score
-    assert simplest([lucky, right]) is right
-    decision = decide(replace(tuned, fitted=tuned.segments), [lucky, right], reaching(1.0))
-    assert decision.named == (BACKLASH,) and dict(decision.shares)[BACKLASH] > 0.8
-    held_out_only = decide(tuned, [even(1.0, COULOMB), even(1.1, BACKLASH)], reaching(1.0))
-    assert held_out_only.named == (COULOMB,)
-
-
 @pytest.mark.parametrize("first", [COULOMB, PAYLOAD])
 def test_causes_with_equal_shares_are_ranked_by_the_error_that_each_leaves_alone(first):
     """Neither the order in a model nor the number of parameters decides, nor a score on which the rms disagrees."""

@@ -67,19 +67,6 @@ class Evaluation:
         return float(np.sqrt(np.expm1(self.score)))
 
     @property
-    def everywhere(self) -> Evaluation:
-        """The same fit with its error on all segments, for comparisons of models with equally many effects.
-
-        Twice as many segments decide better between similar models. Errors of fitted segments are enlarged to what p
-        fitted parameters would leave of other segments, (n + p) / (n - p) for n values: the final prediction error of
-        H. Akaike, Fitting autoregressive models for prediction (Annals of the Institute of Statistical Mathematics,
-        1969).
-        """
-        values, fitted = len(self.fit.residual), freedom(self.fit)
-        factor = (values + fitted) / (values - fitted) if values > fitted else 1.0
-        return replace(self, segments=np.concatenate((factor * self.fitted, self.segments)))
-
-    @property
     def on_fitted(self) -> Evaluation:
         """The same fit with its error on the fitted segments."""
         return Evaluation(self.fit, self.fitted, self.fitted, self.block)

@@ -273,9 +273,7 @@ def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
 
 def simplest(models: Sequence[Evaluation]) -> Evaluation:
     """The best of the models without the needless ones."""
-    return min(
-        without_needless(models), key=lambda each: (each.everywhere.score, freedom(each.fit), str(each.fit.locations))
-    )
+    return min(without_needless(models), key=lambda each: (each.score, freedom(each.fit), str(each.fit.locations)))
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
@@ -323,9 +321,8 @@ def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def _block_losses(models: Sequence[Evaluation], reference: Evaluation) -> Array:
-    """(K, B) mean losses of blocks, fitted and held out."""
-    losses_ = [losses(each.everywhere, reference.everywhere) for each in models]
-    return block_means(np.stack(losses_), reference.block)
+    """(K, B) mean losses of blocks."""
+    return block_means(np.stack([losses(each, reference) for each in models]), reference.block)
 
 
 def _agreeing(models: Sequence[Evaluation]) -> list[int]:
@@ -339,7 +336,6 @@ def _agreeing(models: Sequence[Evaluation]) -> list[int]:
 
 def _apart(one: Evaluation, other: Evaluation) -> float:
     """Mean difference of the losses of two models in a segment."""
-    one, other = one.everywhere, other.everywhere
     return float(np.mean(np.abs(losses(one, other) - losses(other, one))))
 
 
