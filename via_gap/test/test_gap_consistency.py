@@ -197,8 +197,10 @@ def test_answer_headline_repair_and_next_steps_follow_from_the_decision(case, bi
     for c in compared_ones:
         assert c.share == pytest.approx(shares[c.effect, c.site, c.motor])
         assert c.probability == pytest.approx(reliability(decision.verdict, compared_ones[0].left) * c.share)
-    for group in (said.causes[: len(named + added)], said.causes[len(named + added) :]):
-        assert [c.probability for c in group] == sorted((c.probability for c in group), reverse=True)
+    first, others = said.causes[: len(named + added)], said.causes[len(named + added) :]
+    modelled = [(c.effect, c.site, c.motor) for c in first if (c.effect, c.site, c.motor) not in added]
+    assert modelled == named, "the main effect first"
+    assert [c.probability for c in others] == sorted((c.probability for c in others), reverse=True)
     if not added:
         assert said.verdict == decision.verdict
     elif decision.verdict != "main_effect":

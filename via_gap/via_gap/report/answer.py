@@ -52,8 +52,8 @@ def answer(level: Level, comparison: ModelComparison, decision: Decision, sensor
         return Answer(decision.verdict, where, causes, equivalent, conformal_set(level, causes), named)
     wrong = sensor_causes(device.name, sensors)
     places = tuple(each.place for each in wrong)
-    first = sorted((*causes[: len(named)], *wrong), key=lambda each: -each.probability)
-    causes = (*first, *causes[len(named) :])
+    surer = [each for each in wrong if not named or each.probability > causes[0].probability]
+    causes = (*surer, *causes[: len(named)], *(each for each in wrong if each not in surer), *causes[len(named) :])
     verdict = decision.verdict
     if unnamed:
         verdict = "main_effect"
