@@ -121,7 +121,8 @@ def check_words(report: GapReport) -> None:
     names = [place_words(each) for each in report.effects]
     if report.verdict in NAMED:
         assert all(name in head or capital(name) in head for name in names)
-        assert report.causes[0].probability == max(c.probability for c in report.causes[: len(names)])
+        leading = [(c.effect, c.site, c.motor) for c in report.causes[: len(names)]]
+        assert set(leading) == {(e.effect, e.site, e.motor) for e in report.effects}, "named causes come first"
         assert ("most of the gap" in head) == (report.verdict == "main_effect") or "shows no gap" in head
         assert steps and not any("outside the catalogue" in step for step in steps)
         assert "No cause is named" not in shown
