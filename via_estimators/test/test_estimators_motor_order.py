@@ -25,7 +25,10 @@ def unequal(order: tuple[int, int]) -> Device:
         )
         for i in order
     ]
-    springs = [sound.springs[0].model_copy(update={"k": scales[i][1] * sound.springs[0].k}) for i in order]
+    springs = [
+        sound.springs[0].model_copy(update={"k": scales[i][1] * sound.springs[0].k, "max_deflection": (0.8, 0.6)[i]})
+        for i in order
+    ]
     return at_rate(sound.model_copy(update={"motors": tuple(motors), "springs": tuple(springs)}), 1000.0)
 
 

@@ -35,7 +35,8 @@ The friction of a gear grows with the torque it transmits: m |tau_e| in the dire
 softer spring, and in phase with it where the motor drives. tau_e is the spring law found so far: the deflection is free
 of a torque's noise, delay and inertia, and a wrong scale of the spring only changes m. Hysteresis, creep and play of
 the transmission are three more unknowns (`torque_equation`). With F_l and g, these four have no effect on many joints,
-and unknowns cost accuracy. So what is reported allows for the models without them (`nested`).
+and unknowns cost accuracy. So what is reported allows for the models without them (`nested`). In it, friction and
+relaxation are not negative (`passive`): the controller that holds a motor resembles negative friction without a spring.
 
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
@@ -63,7 +64,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE
 
-from via_estimators import interacting_models, nested, torque_equation, transmissions, window
+from via_estimators import interacting_models, nested, passive, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.modulated_priors import loss_of, window_for
 from via_estimators.slots import row_of, slots
@@ -76,13 +77,16 @@ FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 EFFECTS = (U.long, U.short, U.loss, U.gear, U.hysteresis, U.creep, U.play)  # that may be absent
+# Not negative, since friction and relaxation dissipate energy. Constant dry friction may be, where a drive compensates
+# too much of it, and so may both dampings, which a link angle of another time turns into each other.
+PASSIVE = (U.short, U.long, U.gear, U.hysteresis, U.creep)
 WORN = np.zeros(U.size + 3 * MOST_TERMS + 1)  # change without the spring: all friction of the motor
 WORN[U.damping : U.long + 1] = 1.0
 ABSENT = nested.odds_of(len(EFFECTS))
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative,
-# `interacting_models.returning`.
-KEPT = slots("moved", "moving", "returning", after=VISITED)
+# factor of the covariance, less 1: of `interacting_models.returning` and of `passive.restrict`.
+KEPT = slots("moved", "moving", "wider", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
 
 
@@ -277,9 +281,13 @@ def _learn(
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
     reported[:], uncertain[:, :] = x, covariance
+    least = np.full(n, -np.inf)
+    for j in PASSIVE:
+        least[j] = -mean[j] / width[j]
+    beyond = passive.restrict(reported, uncertain, least)
     for j in EFFECTS:
         nested.allow(reported, uncertain, j, -mean[j] / width[j], ABSENT)
-    kept[KEPT.returning] = interacting_models.returning(equation, n)
+    kept[KEPT.wider] = (1.0 + interacting_models.returning(equation, n)) * beyond - 1.0
     quarter = length // (2 * ROWS_PER_WINDOW)
     for k in range(quarter, length - quarter):
         transmissions.visit(kept, own[PHI, k] if par[P.even_terms] > 1.0 else abs(own[PHI, k]))
@@ -298,7 +306,7 @@ def _report(
     x, covariance = _reported(part, n)
     warming = equation[interacting_models.HEAD.taken] <= ROWS_PER_WINDOW
     stiffness, bend = torque_equation.stiffness(par, mean, width, x, phi, preset, slope)
-    wider = 1.0 + kept[KEPT.returning]
+    wider = 1.0 + kept[KEPT.wider]
     factor = par[P.torque_scale_deviation] ** 2
     if not warming:
         age = max(now - equation[interacting_models.HEAD.time], 0.0)
