@@ -123,12 +123,12 @@ def _made(text: str, effects: _Key, seed: int, duration: float, tolerance: float
         )
         measured = simulate(plant, commands, duration, rate, sensors, InitialConditions(seed=seed)).measured
     else:
-        measured, commands = _controlled(plant, sensors, rate, time, wish, seed)
+        measured, commands = controlled(plant, sensors, rate, time, wish, seed)
     seen = {name: values for name, values in measured.channels.items() if np.isfinite(values).any()}
     return JointLog(f"log {seed}", device, Signals(measured.time, seen, measured.units), commands)
 
 
-def _controlled(plant: JointPlant, sensors: Sensors, rate: float, time: np.ndarray, wish: np.ndarray, seed: int):
+def controlled(plant: JointPlant, sensors: Sensors, rate: float, time: np.ndarray, wish: np.ndarray, seed: int):
     """One torque-driven motor under a position controller that sees what the encoder reads."""
     simulator = Simulator(plant, rate, sensors)
     state = simulator.init(seed=seed)

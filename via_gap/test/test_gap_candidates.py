@@ -12,7 +12,7 @@ from via_core.devices import Device
 from via_core.signals import Signals
 from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.converged import converged
-from via_gap.candidates.covariance import clustered_covariance, covariance_of
+from via_gap.candidates.covariance import clustered_covariance, clusters, covariance_of
 from via_gap.candidates.fit import Fit, fit_device_parameters, fit_on, member_slopes, refine
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
@@ -208,20 +208,20 @@ def test_a_few_segments_that_nothing_explains_do_not_move_a_fit():
 def test_errors_that_blocks_share_are_counted_once():
     """Of a mean of blocks whose values all err alike, the variance is that of the blocks: n times the naive one."""
     problem = searched("flexible")[0]
-    segment = problem.segment_of_value()
-    blocks = segment // max(1, (segment[-1] + 1) // 30)
+    neighbours = clusters(problem)[0]
+    blocks = neighbours[problem.segment_of_value()]
     rng = np.random.default_rng(4)
     slopes = np.ones((problem.size, 1))
     error = rng.normal(size=blocks[-1] + 1)[blocks]
-    found = clustered_covariance(problem, slopes, error, slopes.T @ slopes, 0)
-    sums = np.bincount(blocks, weights=error)
-    assert found[0, 0] == pytest.approx(np.sum(sums**2) / problem.size**2, rel=1e-6)
+    found = clustered_covariance(problem, neighbours, slopes, error, slopes.T @ slopes, 0)
+    sums, count = np.bincount(blocks, weights=error), blocks[-1] + 1
+    assert found[0, 0] == pytest.approx(count / (count - 1) * np.sum(sums**2) / problem.size**2, rel=1e-6)
     alone = rng.normal(size=problem.size)
-    independent = clustered_covariance(problem, slopes, alone, slopes.T @ slopes, 0)
+    independent = clustered_covariance(problem, neighbours, slopes, alone, slopes.T @ slopes, 0)
     assert independent[0, 0] == pytest.approx(1.0 / problem.size, rel=1.0)
     assert found[0, 0] > 50.0 * independent[0, 0]
     beside = np.hstack([slopes, np.zeros((problem.size, 1))])  # a parameter on which nothing depends
-    both = clustered_covariance(problem, beside, error, beside.T @ beside, 0)
+    both = clustered_covariance(problem, neighbours, beside, error, beside.T @ beside, 0)
     assert both == pytest.approx(np.diag([found[0, 0], 0.0]))
 
 

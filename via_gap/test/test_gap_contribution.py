@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
-from gap_logs import log_of, rigid
-from gap_models import BACKLASH, COULOMB, PAYLOAD, evaluated
+from gap_logs import flexible, log_of, rigid
+from gap_models import BACKLASH, COULOMB, PAYLOAD, VISCOUS, evaluated, scales
 from via_gap.candidates.fit import Fit
 from via_gap.diagnosis import diagnose
+from via_gap.report.answer import _weights
+from via_gap.report.causes import compared_causes
+from via_gap.selection import reliability
 from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
 
@@ -47,3 +50,34 @@ def test_a_fit_in_another_order_keeps_each_effect_with_its_covariance():
     assert other.covariance.tolist() == [[8.0, 6.0, 7.0], [2.0, 0.0, 1.0], [5.0, 3.0, 4.0]]
     assert other.tolerances.tolist() == [[2.0, 0.0, 1.0], [5.0, 3.0, 4.0]]
     assert other.reordered([1, 0]).covariance.tolist() == covariance.tolist()
+
+
+def several(**changes) -> Decision:
+    """Two named effects, the second with the larger share, and a rival of the first."""
+    model, rival = evaluated([4.0] * 8, COULOMB, BACKLASH), evaluated([9.0] * 8, VISCOUS, BACKLASH)
+    shares = ((BACKLASH, 1.0), (COULOMB, 0.7), (VISCOUS, 0.3))
+    known = {"shares": shares, "models": (model, model, rival), "without": (100.0, 16.0), **changes}
+    return Decision("main_effect", model, 0.9, **known)
+
+
+def test_named_causes_come_in_the_order_of_the_repair_whatever_their_shares():
+    tuned = evaluated([200.0] * 8)
+    causes = compared_causes(flexible(), several(), scales(), tuned)
+    assert [each.effect for each in causes] == ["coulomb_friction", "backlash", "viscous_friction"]
+    assert [each.without for each in causes] == pytest.approx([0.5, 0.08, None])
+    assert [each.share for each in causes] == [0.7, 1.0, 0.3]
+
+
+def test_the_site_of_the_effect_that_explains_most_weighs_most():
+    """The second effect is in every good model and explains a quarter of what the first one does."""
+    weights = _weights(several(), ())
+    assert weights == pytest.approx({("motor", 1): 0.7 * 1.6 + 0.3, ("transmission", 1): 1.0 * 0.4})
+
+
+def test_what_a_main_effect_leaves_in_other_motion_decides_its_probability():
+    tuned = evaluated([200.0] * 8)
+    for transfer, left in (({}, 0.02), ({"time": 0.01, "speed": 0.5}, 0.5)):
+        causes = compared_causes(flexible(), several(transfer=transfer), scales(), tuned)
+        trust = reliability.reliability("main_effect", left)
+        assert [each.probability for each in causes] == pytest.approx([trust * each.share for each in causes])
+    assert reliability.reliability("main_effect", 0.5) < reliability.reliability("main_effect", 0.02)

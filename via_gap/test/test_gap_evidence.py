@@ -204,20 +204,22 @@ def test_the_typical_error_is_that_of_the_segment_with_the_mean_loss():
 
 
 def test_no_parameter_is_known_better_than_two_simulators_agree(monkeypatch):
-    exact = reliability.shipped().model_copy(update={"wider": 2.0})
+    exact = reliability.shipped().model_copy(update={"wider": {"effect": 2.0, "main_effect": 5.0}})
     monkeypatch.setattr(reliability, "shipped", lambda: exact)
     covariance = np.array([[1e-6, 1e-7, 0.0], [1e-7, 4.0, 0.0], [0.0, 0.0, 0.0]])
-    wide = reliability.widened(np.array([10.0, -10.0, 7.0]), covariance)
+    wide = reliability.widened(np.array([10.0, -10.0, 7.0]), covariance, "effect")
     assert np.diag(wide) == pytest.approx([4.0 * (1e-6 + 0.03**2), 4.0 * (4.0 + 0.03**2), 0.0])
     assert wide[0, 1] == 4e-7
+    assert reliability.wider("main_effect") == 5.0 and reliability.wider("unknown") == 1.0
 
 
 def test_the_chosen_model_has_the_calibrated_width(monkeypatch):
     log = log_of(rigid(), (Effect("coulomb_friction", "link", {"torque": 0.2}),), seed=4, duration=8.0)
     narrow = diagnose([log], rigid()).causes[0].parameters["torque"]
-    twice = reliability.shipped().model_copy(update={"wider": 2.0 * reliability.shipped().wider})
+    factors = {verdict: 2.0 * factor for verdict, factor in reliability.shipped().wider.items()}
+    twice = reliability.shipped().model_copy(update={"wider": factors})
     monkeypatch.setattr(reliability, "shipped", lambda: twice)
     report = diagnose([log], rigid())
     wide = report.causes[0].parameters["torque"]
     assert wide.value == narrow.value and wide.sd == pytest.approx(2.0 * narrow.sd)
-    assert report.widened == twice.wider
+    assert report.widened == twice.wider[report.verdict]

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 from gap_logs import log_of, rigid
-from via_gap.candidates.fit import refine
+from via_gap.candidates.converged import converged
+from via_gap.candidates.fit import Fit, members_of, refine
 from via_gap.candidates.location import Location
+from via_gap.candidates.scales import Scales
+from via_gap.residual.quantities import quantities
 from via_gap.residual.recordings import Recordings
 from via_gap.selection import transfer
 from via_gap.selection.comparison import candidates_of
@@ -21,10 +24,16 @@ def experiment():
     return Experiment.of(recordings.fitted, recordings.held_out)
 
 
-def left_by(experiment, location: Location, start: float) -> tuple[float, dict[str, float]]:
-    """Squared error that one effect leaves of held-out motion, and of motion to which it was not fitted."""
+def fitted_by(experiment, location: Location, start: float) -> tuple[Fit, Scales]:
     scales = candidates_of(experiment).scales
     fit = refine(experiment.fitted, experiment.tuned.fit, [(location, [start])], scales)
+    assert fit is not None
+    return fit, scales
+
+
+def left_by(experiment, location: Location, start: float) -> tuple[float, dict[str, float]]:
+    """Squared error that one effect leaves of held-out motion, and of motion to which it was not fitted."""
+    fit, scales = fitted_by(experiment, location, start)
     (model,) = experiment.evaluate([fit])
     return model.mean_square / experiment.tuned.mean_square, transferred(model, experiment, scales)
 
@@ -42,13 +51,40 @@ def test_an_effect_that_resembles_it_fails_in_fast_motion_when_fitted_to_slow_mo
     assert elsewhere["speed"] > 1.4 * max(left, elsewhere["time"])
 
 
+def test_the_interval_of_a_wrong_friction_holds_its_values_in_slow_and_in_fast_motion(experiment):
+    """The coefficient of viscous friction that fits a drag grows with the speed; that of the drag itself does not."""
+    fit, scales = fitted_by(experiment, Location("viscous_friction", "link", 0), 0.03)
+    whole = converged(experiment.fitted, fit, scales)
+    speed = quantities(experiment.fitted.views)["speed"]
+    for half in (speed < np.median(speed), speed >= np.median(speed)):
+        part = experiment.fitted.part([np.flatnonzero(half)])[0]
+        there = refine(part, fit, members_of(fit), scales)
+        assert 0.5 * whole.sd[0] < abs(there.values[0] - whole.values[0]) < 1.96 * whole.sd[0]
+    drag, scales = fitted_by(experiment, Location("quadratic_drag", "link", 0), 0.03)
+    assert converged(experiment.fitted, drag, scales).sd[0] < 0.001 * drag.values[0]
+
+
 def test_a_quantity_in_which_most_segments_are_alike_divides_nothing(experiment, monkeypatch):
     """A joint that rests in most segments has speed 0 there."""
-    quantities = transfer._quantities(experiment.everywhere().views)
+    quantities = transfer.quantities(experiment.everywhere().views)
     resting = np.where(np.arange(len(quantities["speed"])) % 3 == 0, quantities["speed"], 0.0)
     assert np.median(resting) == 0.0
-    monkeypatch.setattr(transfer, "_quantities", lambda _views: {**quantities, "speed": resting})
+    monkeypatch.setattr(transfer, "quantities", lambda _views: {**quantities, "speed": resting})
     assert left_by(experiment, Location("quadratic_drag", "link", 0), 0.03)[1].keys() == {"time", "angle", "amplitude"}
+
+
+def test_segments_in_which_an_effect_begins_are_fitted_with_either_half(experiment, monkeypatch):
+    problem, begins = experiment.everywhere(), 7.0
+    (around,) = problem.touched(np.array([[begins], [begins]]))
+    assert 0 < len(around) < 0.1 * len(problem.views[0].chosen)
+    asked, part = [], transfer._part
+    monkeypatch.setattr(transfer, "event_times", lambda _fit: (begins,))
+    monkeypatch.setattr(transfer, "_part", lambda whole, kept: (asked.append(kept), part(whole, kept))[1])
+    left_by(experiment, Location("quadratic_drag", "link", 0), 0.03)
+    assert len(asked) == 2 * 2 * 4  # fitted and compared, both halves, four quantities
+    for fitted, compared in zip(asked[::2], asked[1::2], strict=True):
+        assert np.all(fitted[around]) and np.all(fitted | compared)
+        assert np.mean(fitted & compared) < 0.15
 
 
 def test_a_tenth_of_the_other_half_is_spread_evenly():

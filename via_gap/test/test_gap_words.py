@@ -4,11 +4,11 @@ import pytest
 from gap_reports import BACKLASH, COULOMB, KINDS, RIPPLE, STEPS, VISCOUS, cause, place, report_of, trial
 from hypothesis import given
 from hypothesis import strategies as st
-from via_gap.rendering.evidence_words import findings, rejected, separation, tie_words, values_words
+from via_gap.rendering.evidence_words import evidence, findings, rejected, separation, tie_words, values_words
 from via_gap.rendering.names import place_words, plain, site_words, where_words
 from via_gap.rendering.numbers import chance, number, percent, prefix, prefixed, tick_words, ticks, with_sd
 from via_gap.rendering.text import text
-from via_gap.rendering.words import boxes, cautions, headline, next_steps
+from via_gap.rendering.words import boxes, cautions, headline, next_steps, remainder
 from via_gap.report.report import Combination, Where
 
 HEADLINES = {
@@ -36,6 +36,22 @@ def test_a_refused_log_says_why_and_what_to_do():
     report = report_of("refused")
     assert headline(report).endswith("neither commands nor torques.")
     assert next_steps(report) == ("Correct what the data check reports (section 6), then record again.",)
+
+
+def test_a_main_effect_says_in_which_motion_it_fails():
+    """The halves between which it transfers worst are named, by their own names where they have some."""
+    report = report_of("main_effect")
+    assert "Fitted to" not in remainder(report)
+    slow = report.model_copy(update={"transfer": {"time": 0.1, "speed": 0.22, "load of spring 1": 0.2}})
+    said = "and compared on {}, and the reverse, the repair leaves {} % of the squared error."
+    assert f"Fitted to slow motion {said.format('fast motion', 22)}" in remainder(slow)
+    loaded = report.model_copy(update={"transfer": {"load of spring 1": 0.25}})
+    assert f"Fitted to small load of spring 1 {said.format('large load of spring 1', 25)}" in remainder(loaded)
+
+
+def test_each_of_several_effects_says_what_the_repair_leaves_without_it():
+    first = cause(BACKLASH, 0.9).model_copy(update={"without": 0.4})
+    assert evidence(report_of("several_effects"), first).endswith("without this effect, 40 %.")
 
 
 def test_a_long_reason_is_continued_below_the_headline():

@@ -14,13 +14,14 @@ def test_no_set_is_stated_for_signals_that_were_not_calibrated(monkeypatch):
     def counted(count: int) -> reliability.Reliability:
         shares = np.linspace(0.3, 1.0, count)
         cases = [Calibrated("effect", "full", 0.1, True, float(share)) for share in shares]
+        cases.append(Calibrated("cannot_tell", "full", 0.1, False, 0.0))  # names no cause, and has no set
         return calibrated(cases, "a test", "1-19")
 
     monkeypatch.setattr(reliability, "shipped", lambda: counted(19))
     assert reliability.in_conformal_set([0.9, 0.31, 0.29], "full") == (True, True, False)
-    assert reliability.in_conformal_set([0.9, 0.31], "link_only") == (False, False)
+    assert reliability.in_conformal_set([0.9, 0.31], "link_only") is None
     monkeypatch.setattr(reliability, "shipped", lambda: counted(18))
-    assert reliability.in_conformal_set([0.9, 0.31], "full") == (False, False)
+    assert reliability.in_conformal_set([0.9, 0.31], "full") is None
 
 
 def test_intervals_are_as_wide_as_the_distances_of_known_parameters():
@@ -28,7 +29,11 @@ def test_intervals_are_as_wide_as_the_distances_of_known_parameters():
 
     def wider(distances: list[float], widened: float = 1.0) -> float:
         case = Calibrated("effect", "full", 0.1, True, 1.0, tuple(distances), widened)
-        return calibrated([case], "a test", "1").wider
+        other = Calibrated("main_effect", "full", 0.1, True, 1.0, (9.0,) * 20)
+        found = calibrated([case, other], "a test", "1")
+        assert found.wider["main_effect"] == 9.0 and found.wider["several_effects"] == 1.0
+        assert found.parameters == {"effect": len(distances), "several_effects": 0, "main_effect": 20}
+        return found.wider["effect"]
 
     distances = [*np.linspace(0.0, 1.5, 37), 2.0, 7.0]
     assert wider(distances) == 2.0 and wider([each / 3.0 for each in distances], 3.0) == pytest.approx(2.0)

@@ -11,14 +11,15 @@ from scipy.optimize import isotonic_regression
 from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.reliability import Counts, Reliability
 
-WITH_CAUSES = ("effect", "several_effects", "main_effect", "unknown", "cannot_tell")
+NAMING = ("effect", "several_effects", "main_effect")
+WITH_CAUSES = (*NAMING, "unknown", "cannot_tell")
 
 
 @dataclass(frozen=True)
 class Calibrated:
     """One answer, compared with the truth.
 
-    left       `GapReport.left`; None: the answer has no causes
+    left       see `via_gap.selection.reliability.decisive`; None: the answer has no causes
     truth      share of the true cause in the report (of several the smallest); None: no cause can be found
     distances  of the true parameters of named effects from the reported ones, over half the 95 % interval
     widened    factor by which an earlier calibration widened these intervals
@@ -41,14 +42,20 @@ def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str) -> Relia
         verdicts[verdict] = _groups([(each.left, each.first_right) for each in same if each.left is not None])
     shares: dict[str, list[float]] = {}
     for each in answered:
-        if each.truth is not None:
+        if each.truth is not None and each.verdict in NAMING:
             shares.setdefault(each.level, []).append(each.truth)
     least = {level: _least(values) for level, values in shares.items()}
     cases = {level: len(values) for level, values in shares.items()}
-    distances = [each.widened * distance for each in answered for distance in each.distances]
+    distances = {
+        verdict: [
+            each.widened * distance for each in answered if each.verdict == verdict for distance in each.distances
+        ]
+        for verdict in NAMING
+    }
     return Reliability(
         origin=origin, seeds=seeds, verdicts=verdicts, least_share=least, cases=cases,
-        wider=max(_holding(distances), 1.0), parameters=len(distances),
+        wider={verdict: max(_holding(known), 1.0) for verdict, known in distances.items()},
+        parameters={verdict: len(known) for verdict, known in distances.items()},
     )  # fmt: skip
 
 

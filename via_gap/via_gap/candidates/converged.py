@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.candidates.covariance import clustered_covariance
+from via_gap.candidates.covariance import clustered_covariance, clusters
 from via_gap.candidates.fit import LEAST_STEP, Axes, Fit, fit_on, members_of
 from via_gap.candidates.scales import Scales
 from via_gap.residual.nuisance import BOUND
@@ -43,8 +43,11 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
         if np.all(np.abs(at[:count]) < BOUND):
             break
     covariance, pull = axes.covariance(here, normal), likely.weights(begin.residual)
-    clustered = clustered_covariance(likely, slopes * pull[:, None], pull * here.residual, normal, count)
-    covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(clustered) / np.diag(covariance), 1.0)),))
+    scored = slopes * pull[:, None], pull * here.residual, normal, count
+    variance = np.diag(covariance)
+    for cluster in clusters(likely):
+        variance = np.maximum(variance, np.diag(clustered_covariance(likely, cluster, *scored)))
+    covariance *= np.outer(*2 * (np.sqrt(variance / np.diag(covariance)),))
     known = np.any(slopes[:, count:] != 0.0, axis=0)
     sd = np.where(known, np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), axes.sd(fit))
     return fit_on(problem, axes.fit(here, covariance, sd))

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from via_core.signals import Array
+from via_core.signals import Array, Indices
 
 from via_gap.candidates.location import Location
 from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
+from via_gap.residual.quantities import quantities
 from via_gap.residual.residual_model import ResidualModel
 
 CLUSTERS = 30  # blocks of neighbouring segments, whose errors may be correlated
+KINDS = 4  # quarters of the segments by a quantity of their motion, in which a model may err differently
 
 
 def covariance_of(normal: Array, width: Array, first: int) -> Array:
@@ -51,18 +53,35 @@ def delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
     return np.array([sds.get(location.name, 0.0) for location in locations for _ in location.parameters])
 
 
-def clustered_covariance(problem: ResidualModel, slopes: Array, residual: Array, normal: Array, first: int) -> Array:
-    """(p, p) covariance that is valid for any correlation of the errors inside a block of segments.
+def clusters(problem: ResidualModel) -> list[Indices]:
+    """Divisions of the segments, (S,) indices each: neighbours, and quarters by each quantity of their motion.
 
-    With the score g_b = J_b' r_b of every block b and the normal matrix N:  N^-1 (sum g_b g_b' + prior) N^-1.
-    0 for parameters without influence.
-    Source: K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986).
+    Neighbours share errors that do not repeat with the motion. An error of the model repeats with the motion, and grows
+    with the speed or the angle; so parameters that are right in one quarter differ from those of another.
     """
-    segment = problem.segment_of_value()
-    block = segment // max(1, (segment[-1] + 1) // CLUSTERS)
-    starts = np.flatnonzero(np.concatenate(([True], np.diff(block) != 0)))
-    scores = np.add.reduceat(slopes * residual[:, None], starts, axis=0)
-    meat = scores.T @ scores
+    count = problem.segment_of_value()[-1] + 1
+    found = [np.arange(count) // max(1, count // CLUSTERS)]
+    for values in quantities(problem.views).values():
+        rank = np.searchsorted(np.sort(values), values, side="right") - 1  # equal values are in one quarter
+        found.append(rank * KINDS // count)
+    return found
+
+
+def clustered_covariance(
+    problem: ResidualModel, cluster: Indices, slopes: Array, residual: Array, normal: Array, first: int
+) -> Array:
+    """(p, p) covariance that is valid for any correlation of the errors inside a cluster (S,) of segments.
+
+    With the score g_b = J_b' r_b of each of n clusters and the normal matrix N:
+        n / (n - 1)  N^-1 (sum g_b g_b' + prior) N^-1
+    0 for parameters without influence.
+    Source: K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986);
+    n / (n - 1) since the sum of all scores is 0.
+    """
+    scores = np.zeros((cluster.max() + 1, slopes.shape[1]))
+    np.add.at(scores, cluster[problem.segment_of_value()], slopes * residual[:, None])
+    count = len(np.unique(cluster))
+    meat = scores.T @ scores * count / max(count - 1, 1)
     meat[range(first), range(first)] += 1.0
     seen = np.flatnonzero(np.diag(normal) > 0.0)
     inside = np.ix_(seen, seen)

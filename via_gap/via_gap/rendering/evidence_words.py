@@ -129,8 +129,8 @@ def tie_words(report: GapReport) -> tuple[str, ...]:
 
 
 def conformal_words(report: GapReport) -> str:
-    """The set of causes with a guaranteed coverage; empty where no cause is at issue."""
-    if report.verdict in ("unknown", "no_gap") or not report.conformal_set:
+    """The set of causes with a guaranteed coverage; empty where none is known."""
+    if not report.conformal_set:
         return ""
     causes = listed([place_words(each) for each in report.conformal_set], "or")
     return (

@@ -128,7 +128,7 @@ def _transfer(report: GapReport) -> str:
     quantity = max(report.transfer, key=lambda each: report.transfer[each])
     one, other = HALVES.get(quantity, (f"small {quantity}", f"large {quantity}"))
     return (
-        f" Fitted to {one} and compared on {other}, and the reverse, it leaves "
+        f" Fitted to {one} and compared on {other}, and the reverse, the repair leaves "
         f"{percent(report.transfer[quantity])} of the squared error."
     )
 

@@ -32,7 +32,7 @@ class Answer:
     where: tuple[Where, ...]
     causes: tuple[Cause, ...]
     equivalence_set: tuple[EffectLocation, ...]
-    conformal_set: tuple[EffectLocation, ...]
+    conformal_set: tuple[EffectLocation, ...] | None
     effects: tuple[EffectLocation, ...]
 
 
@@ -49,7 +49,8 @@ def answer(level: Level, comparison: ModelComparison, decision: Decision, sensor
     unnamed = decision.verdict in UNNAMED
     if not sensors or (unnamed and not any(_outweighs(each, candidates) for each in sensors)):
         where = _where(device, candidates, decision, ())
-        return Answer(decision.verdict, where, causes, equivalent, conformal_set(level, causes), named)
+        known = conformal_set(decision.verdict, level, causes)
+        return Answer(decision.verdict, where, causes, equivalent, known, named)
     wrong = sensor_causes(device.name, sensors)
     places = tuple(each.place for each in wrong)
     surer = [each for each in wrong if not named or each.probability > causes[0].probability]
@@ -61,7 +62,7 @@ def answer(level: Level, comparison: ModelComparison, decision: Decision, sensor
         verdict = "effect" if len(named) + len(wrong) == 1 else "several_effects"
     where = _where(device, candidates, decision, wrong)
     effects, equivalent = (*named, *places), (*equivalent, *places)
-    return Answer(verdict, where, causes, equivalent, conformal_set(level, causes), effects)
+    return Answer(verdict, where, causes, equivalent, conformal_set(verdict, level, causes), effects)
 
 
 def _outweighs(error: SensorError, candidates: CandidateSet) -> bool:

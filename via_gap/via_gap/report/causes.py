@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import zip_longest
 
 import numpy as np
 from via_core.devices import Device
@@ -14,8 +13,8 @@ from via_gap.candidates.scales import Scales
 from via_gap.report.combinations import combinations
 from via_gap.report.report import Cause, EffectLocation, Value
 from via_gap.selection.evidence import Evaluation
-from via_gap.selection.reliability import in_conformal_set, reliability
-from via_gap.selection.verdict import Decision
+from via_gap.selection.reliability import decisive, in_conformal_set, reliability
+from via_gap.selection.verdict import UNNAMED, Decision, Verdict
 from via_gap.sensors.sensor_errors import SensorError
 
 SENSOR = 0.98  # probability that an error shown by a sensor's own measurements is real
@@ -28,12 +27,14 @@ def compared_causes(device: Device, decision: Decision, scales: Scales, tuned: E
     rank = {location: number for number, location in enumerate(decision.named)}
     compared.sort(key=lambda each: (rank.get(each[0], len(rank)), -each[1]))
     causes = [cause_of(device, place, model, scales, tuned) for place, _, model in compared]
-    left = max(decision.transfer.values(), default=causes[0].left if causes else 1.0)
-    trust = reliability(decision.verdict, left) if causes else 1.0
-    without = [each / max(tuned.mean_square, 1e-12) for each in decision.without]
+    trust = reliability(decision.verdict, decisive(causes[0].left, decision.transfer)) if causes else 1.0
+    without = {
+        location: left / max(tuned.mean_square, 1e-12)
+        for location, left in zip(decision.named, decision.without, strict=False)  # one effect has no `without`
+    }
     return tuple(
-        cause.model_copy(update={"share": share, "probability": trust * share, "without": missed})
-        for cause, (_, share, _), missed in zip_longest(causes, compared, without)
+        cause.model_copy(update={"share": share, "probability": trust * share, "without": without.get(location)})
+        for cause, (location, share, _) in zip(causes, compared, strict=True)
     )
 
 
@@ -73,7 +74,12 @@ def sensor_causes(joint: str, errors: Sequence[SensorError]) -> tuple[Cause, ...
     )  # fmt: skip
 
 
-def conformal_set(level: str, causes: Sequence[Cause]) -> tuple[EffectLocation, ...]:
-    """The causes that belong to the 95 % set on logs of this signal set."""
+def conformal_set(verdict: Verdict, level: str, causes: Sequence[Cause]) -> tuple[EffectLocation, ...] | None:
+    """The causes that belong to the 95 % set on logs of this signal set.
+
+    None if the answer names no cause, or no set is known.
+    """
     inside = in_conformal_set([cause.share for cause in causes], level)
+    if verdict in (*UNNAMED, "no_gap") or inside is None:
+        return None
     return tuple(each.place for each, within in zip(causes, inside, strict=True) if within)

@@ -159,7 +159,8 @@ class GapReport(Record):
     where: tuple[Where, ...]
     causes: tuple[Cause, ...]
     equivalence_set: tuple[EffectLocation, ...]  # the named causes and those tied with them on held-out data
-    conformal_set: tuple[EffectLocation, ...] = ()  # contains the true cause in 95 % of cases like the calibration's
+    # contains the true cause in 95 % of cases like the calibration's; None: no cause is named, or no set is known
+    conformal_set: tuple[EffectLocation, ...] | None = None
     effects: tuple[EffectLocation, ...]  # the repair, its main effect first
     gap: Gap | None
     nuisance: tuple[NuisanceValue, ...]
@@ -190,14 +191,6 @@ class GapReport(Record):
     def by_equations(self) -> bool:
         """Whether the gap was measured by inverse dynamics."""
         return self.gap is not None and self.gap.by == "inverse dynamics"
-
-    @property
-    def left(self) -> float:
-        """Squared error, relative to that of the fitted device parameters, by which answers are counted as reliable.
-
-        That of the first cause; of a main effect, in the motion to which it transfers worst. 1 without causes.
-        """
-        return max(self.transfer.values(), default=self.causes[0].left if self.causes else 1.0)
 
     def as_read(self, logs: Sequence[JointLog]) -> list[JointLog]:
         """Logs with commands as this report took them between samples."""

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, Fit, event_times, members_of, refine
@@ -78,11 +79,8 @@ def compare_models(experiment: Experiment, candidates: CandidateSet, progress: P
 
 def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progress) -> list[Evaluation]:
     """Every model of one search."""
-    evaluate = experiment.evaluate
-    folds = experiment.folds
-    if folds is not None:
-        evaluate = lambda fits: folds.evaluate(fits, candidates.scales)  # noqa: E731
-    search = Search.of(experiment.fitted, evaluate, _supported(experiment, candidates), experiment.tuned, candidates)
+    compare = partial(experiment.compare, scales=candidates.scales)
+    search = Search.of(experiment.fitted, compare, _supported(experiment, candidates), experiment.tuned, candidates)
     return search.run(progress)
 
 

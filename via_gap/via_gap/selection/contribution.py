@@ -38,6 +38,4 @@ def _without(out: Location, chosen: Evaluation, comparison: ModelComparison) -> 
         return found
     experiment, scales = comparison.experiment, comparison.candidates.scales
     fit = refine(experiment.fitted, chosen.fit, rest, scales, FINISHING)
-    if fit is None:
-        return experiment.tuned
-    return (experiment.evaluate([fit]) if experiment.folds is None else experiment.folds.evaluate([fit], scales))[0]
+    return experiment.tuned if fit is None else experiment.compare([fit], scales)[0]

@@ -18,6 +18,7 @@ from via_core.errors import SignalError
 from via_core.signals import Array, Indices
 
 from via_gap.candidates.fit import Fit, fit_device_parameters
+from via_gap.candidates.scales import Scales
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel, View
 from via_gap.residual.rollout import Rollout
@@ -25,7 +26,6 @@ from via_gap.residual.segments import Segments, lined
 from via_gap.selection.evidence import Evaluation, evaluate, predicts, significantly_worse
 from via_gap.selection.folds import Folds
 from via_gap.selection.holdout import lopsided, one_sided, split, split_finely
-from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.torque_bound import torque_bound
 
 By = Literal["segments", "whole runs", "inverse dynamics"]
@@ -76,9 +76,7 @@ class Experiment:
             return _experiment(everything, train, held, equations=True)
         runs = all(len(each) == 1 for each in everything) and bool(holdout)
         made = _experiment(everything, train, held, robust=not runs)
-        if not holdout and one_sided(
-            made.fitted.per_segment(made.tuned.fit.residual), made.tuned.segments, NUMBERS.no_gap
-        ):
+        if not holdout and one_sided(made.fitted.per_segment(made.tuned.fit.residual), made.tuned.segments):
             train, held = split_finely(everything)
             made = _experiment(everything, train, held)
         if runs:
@@ -93,6 +91,10 @@ class Experiment:
     def evaluate(self, fits: Sequence[Fit]) -> list[Evaluation]:
         """Held-out errors of fits in both views."""
         return evaluate(self.evaluated, fits, self.other_view, self.fitted)
+
+    def compare(self, fits: Sequence[Fit], scales: Scales) -> list[Evaluation]:
+        """Evaluations by which models are compared: on held-out data, or by cross-validation of whole runs."""
+        return self.evaluate(fits) if self.folds is None else self.folds.evaluate(fits, scales)
 
     @property
     def by_equations(self) -> bool:
@@ -112,7 +114,7 @@ class Experiment:
         if not any(len(a) and len(b) for a, b in zip(self.train, self.held, strict=True)):
             return False
         return any(
-            lopsided(self.fitted.per_segment(each.fit.residual), each.segments, NUMBERS.no_gap)
+            lopsided(self.fitted.per_segment(each.fit.residual), each.segments)
             for each in models
             if each.score < self.tuned.score
         )

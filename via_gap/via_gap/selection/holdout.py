@@ -9,6 +9,7 @@ from via_core.signals import Array, Indices
 
 from via_gap.residual.segments import Segments
 from via_gap.selection.information import describe, hold_out
+from via_gap.selection.numbers import NUMBERS
 
 BLOCK = 2.0  # [s] at least
 SEGMENTS = 6  # of a block at least
@@ -59,17 +60,18 @@ def split_finely(segments: Sequence[Segments], events: Sequence[float] = ()) -> 
     return train, held
 
 
-def one_sided(fitted: Array, held_out: Array, noise: float) -> bool:
+def one_sided(fitted: Array, held_out: Array) -> bool:
     """Whether only one side, given by mean squared errors (S,) of its segments, has errors above the noise."""
+    noise = NUMBERS.no_gap
     sizes = [float(np.mean(np.maximum(each - noise, 0.0))) for each in (fitted, held_out)]
     return max(sizes) > noise and min(sizes) < LEAST * max(sizes)
 
 
-def lopsided(fitted: Array, held_out: Array, noise: float) -> bool:
+def lopsided(fitted: Array, held_out: Array) -> bool:
     """`one_sided` without the worst segment of each side: other blocks cannot share out a single segment."""
     if min(len(fitted), len(held_out)) < 2:
         return False
-    return one_sided(np.sort(fitted)[:-1], np.sort(held_out)[:-1], noise)
+    return one_sided(np.sort(fitted)[:-1], np.sort(held_out)[:-1])
 
 
 def _by_blocks(valid: Sequence[Indices], size: Sequence[int]) -> tuple[list[Indices], list[Indices]]:

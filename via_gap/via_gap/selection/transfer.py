@@ -11,14 +11,13 @@ which an effect begins or ends.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from via_core.signals import Array, Mask
+from via_core.signals import Mask
 
 from via_gap.candidates.fit import Budget, event_times, members_of, refine
 from via_gap.candidates.scales import Scales
-from via_gap.residual.residual_model import ResidualModel, View
+from via_gap.residual.quantities import quantities
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 
@@ -39,10 +38,10 @@ def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> d
     whole = refine(problem, chosen.fit, members_of(chosen.fit), scales, REFITS) or chosen.fit
     times = np.array([event_times(whole)] * 2)
     events = np.concatenate(
-        [np.isin(np.arange(len(v.chosen)), at) for v, at in zip(problem.views, problem.touched(times))]
+        [np.isin(np.arange(len(v.chosen)), at) for v, at in zip(problem.views, problem.touched(times), strict=True)]
     )
     found = {}
-    for name, values in _quantities(problem.views).items():
+    for name, values in quantities(problem.views).items():
         low = values < np.median(values)
         if not np.any(low):  # most segments are alike, such as those of a joint that rests
             continue
@@ -56,34 +55,12 @@ def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> d
     return found
 
 
-def _quantities(views: Sequence[View]) -> dict[str, Array]:
-    """(S,) of every segment: when it is, mean angle, distance from the usual angle, speed, and load of each spring."""
-    found: dict[str, list[Array]] = {}
-    for number, view in enumerate(views):
-        segments = view.segments
-        ticks = segments.begin[view.chosen][:, None] + np.arange(segments.ticks)
-        state = segments.start[np.minimum(ticks, len(segments.start) - 1)]
-        angle, usual = state[:, :, 0], np.nanmedian(segments.start[:, 0])
-        parts = {
-            "time": number * 1e6 + ticks[:, 0] / segments.rate,
-            "angle": angle.mean(axis=1),
-            "amplitude": np.abs(angle - usual).mean(axis=1),
-            "speed": np.abs(state[:, :, 3]).mean(axis=1),
-        }
-        for axis in segments.axes[1:]:
-            bent = segments.start[:, 0] - segments.start[:, axis]
-            load = np.abs(angle - state[:, :, axis] - np.nanmedian(bent))
-            parts[f"load of spring {axis}"] = load.mean(axis=1)
-        for name, values in parts.items():
-            found.setdefault(name, []).append(values)
-    return {name: np.concatenate(values) for name, values in found.items()}
-
-
 def _every(half: Mask) -> Mask:
     """Every tenth of some segments."""
     return np.asarray(half & (np.cumsum(half) % EVERY == 0))
 
 
 def _part(problem: ResidualModel, kept: Mask) -> ResidualModel:
+    """The model of some segments; kept: (S,) over all views."""
     ends = np.cumsum([len(view.chosen) for view in problem.views])[:-1]
     return problem.part([np.flatnonzero(each) for each in np.split(kept, ends)])[0]

@@ -94,27 +94,28 @@ class Decision:
 
     def refuted(self, tuned: Evaluation) -> Decision:
         """The decision that names nothing, because the repair does not reduce the held-out gap."""
-        reason = "the effects that explain the fitted recordings do not reduce the error of the held-out ones"
-        named_nothing = replace(self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=reason)
-        return replace(named_nothing, without=(), transfer={})
+        why = "the effects that explain the fitted recordings do not reduce the error of the held-out ones"
+        return replace(
+            self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=why, without=(), transfer={}
+        )
 
     def converged(self, experiment: Experiment, scales: Scales) -> Decision:
         """The same decision with the chosen model, and those tied with it, fitted to convergence."""
         if not self.named:
             return self
         tied = [model for (cause, _), model in zip(self.shares, self.models, strict=True) if cause in self.equivalent]
-        again = {id(each): _converged(each, experiment, scales) for each in (self.chosen, *tied)}
+        again = {id(each): _converged(each, experiment, scales, self.verdict) for each in (self.chosen, *tied)}
         models, rivals = (tuple(again.get(id(each), each) for each in some) for some in (self.models, self.rivals))
-        chosen, wider = again[id(self.chosen)], reliability.shipped().wider
+        chosen, wider = again[id(self.chosen)], reliability.wider(self.verdict)
         return replace(self, chosen=chosen, models=models, rivals=rivals, widened=wider)
 
 
-def _converged(model: Evaluation, experiment: Experiment, scales: Scales) -> Evaluation:
+def _converged(model: Evaluation, experiment: Experiment, scales: Scales, verdict: Verdict) -> Evaluation:
     fit = converged(experiment.fitted, model.fit, scales)
     bounded = np.diag(delay_sd(experiment.fitted, fit.locations) ** 2)  # by half a sample: it has its width
-    fit = replace(fit, covariance=reliability.widened(np.array(fit.values), fit.covariance - bounded) + bounded)
-    evaluated = experiment.evaluate([fit]) if experiment.folds is None else experiment.folds.evaluate([fit], scales)
-    return evaluated[0]
+    covariance = reliability.widened(np.array(fit.values), fit.covariance - bounded, verdict) + bounded
+    fit = replace(fit, covariance=covariance)
+    return experiment.compare([fit], scales)[0]
 
 
 def decide(

@@ -13,6 +13,7 @@ from rich.text import Text
 from via_bringup.cli.console import answers, errors, table
 from via_core.errors import ViaError
 from via_gap.report.report import read_report
+from via_gap.selection.reliability import decisive
 
 from via_validation.calibration import Calibrated, calibrated
 from via_validation.provenance import provenance
@@ -143,7 +144,7 @@ def calibrate(
         evaluated = evaluate(name, key, json.loads(report.to_json()), None, None)
         truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
         distances = tuple(each.distance for each in evaluated.inside)
-        left = report.left if report.causes else None
+        left = decisive(report.causes[0].left, report.transfer) if report.causes else None
         answered.append(
             Calibrated(
                 report.verdict, report.level, left, evaluated.first_right, truth, distances, widened=report.widened
