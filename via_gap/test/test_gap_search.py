@@ -1,7 +1,10 @@
 """The search: which candidates are fitted to the end."""
 
+from dataclasses import replace
+
 import numpy as np
-from gap_logs import log_of, rigid
+import pytest
+from gap_logs import flexible, log_of, rigid
 from via_core.devices import load_device
 from via_core.signals import Signals
 from via_gap.candidates.fit import Fit, fit_on
@@ -11,6 +14,7 @@ from via_gap.logs.log import JointLog
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import candidates_of
 from via_gap.selection.experiment import Experiment
+from via_gap.selection.plausibility import absurd
 from via_gap.selection.search import PREDICTED, Search
 from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
@@ -103,3 +107,21 @@ def test_a_cause_far_behind_after_one_step_is_fitted():
     fits = search._joined(search.tuned.fit)
     best = min(fits, key=lambda each: each.loss)
     assert best.locations[0].name == "link_spring"
+
+
+def test_a_shape_at_the_end_of_its_range_is_sought_again_from_the_other_starts():
+    """At the least speed there is no Stribeck friction; with the size of that fit, another start finds it."""
+    device = flexible()
+    effect = Effect("stribeck_friction", "motor", {"breakaway": 0.3, "kinetic": 0.15, "velocity": 0.2}, 1)
+    recordings = Recordings.of([log_of(device, (effect,), seed=3, duration=12.0)], None, device)
+    experiment = Experiment.of(recordings.fitted, recordings.held_out)
+    search = Search.of(
+        experiment.fitted, experiment.evaluate, lambda _: True, experiment.tuned, candidates_of(experiment)
+    )
+    slow = Effect("stribeck_friction", "motor", {"breakaway": 0.4, "kinetic": 0.15, "velocity": 1e-3}, 1)
+    stuck = fit_on(search.few, replace(search.start, effects=(slow,), covariance=np.eye(3)))
+    assert absurd(stuck, search.scales)
+    best = min(search._reshaped([stuck]), key=lambda fit: fit.loss)
+    assert best.loss < 0.1 * stuck.loss and not absurd(best, search.scales)
+    assert best.values == pytest.approx([0.3, 0.15, 0.2], rel=0.1)
+    assert search._reshaped([best]) == []

@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.catalogue.starts import Start
 
-from via_gap.candidates.fit import Fit, Members, effect_or_none
+from via_gap.candidates.fit import Fit, Members, effect_or_none, members_of
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
-from via_gap.candidates.starts import amount_range, combined, starts
+from via_gap.candidates.starts import amount_range, combined, shapes, starts
 from via_gap.residual.nuisance import BOUND, descend
 from via_gap.residual.residual_model import ResidualModel
 
@@ -86,6 +87,16 @@ def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list
     pairs = combinations(screen.best_starts(), 2)
     apart = [(one, two) for one, two in pairs if not tried[one].location.overlaps(tried[two].location)]
     return sorted(map(screen.predicted, apart), key=lambda each: each[0])
+
+
+def other_starts(fit: Fit, scales: Scales, device: Device) -> list[Members]:
+    """The effects of a fit, each in turn with the nonlinear parameters of its other starts."""
+    members = members_of(fit)
+    return [
+        [*members[:number], (location, shape), *members[number + 1 :]]
+        for number, (location, values) in enumerate(members)
+        for shape in shapes(location, values, scales, device)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,18 @@ def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, .
     return tuple(replace(start, directions=tuple(map(whole, start.directions))) for start in made)
 
 
+def shapes(location: Location, values: Sequence[float], scales: Scales, device: Device) -> list[list[float]]:
+    """An effect of the same size with the nonlinear parameters of each of its starts."""
+    found: list[list[float]] = []
+    for start in starts(location, scales, device):
+        linear = {*start.scaled, *start.through, *(("amplitude", "phase") if start.wave else ())}
+        pairs = zip(location.parameters, values, strict=True)
+        shape = [value if p.name in linear else start.directions[0][p.name] for p, value in pairs]
+        if shape not in (*found, list(values)):
+            found.append(shape)
+    return found
+
+
 def size_parameters(location: Location) -> tuple[str, ...]:
     """Names of the size parameters of an effect: at their neutral values it is absent."""
     if location.kind.starts is not None:

@@ -24,7 +24,7 @@ from via_gap.candidates.gear_friction import with_gear_terms
 from via_gap.candidates.location import Location
 from via_gap.candidates.periodic import with_harmonics
 from via_gap.candidates.scales import Scales
-from via_gap.candidates.screen import Direction, directions, ranked, ranked_pairs
+from via_gap.candidates.screen import Direction, directions, other_starts, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
@@ -126,6 +126,7 @@ class Search:
             fits += self._pairs(fits)
         if fits and fit.effects:
             fits += self._exchanged(min(fits, key=lambda each: each.loss))
+        fits += self._reshaped(fits)
         return fits + self._plainer(fits)
 
     def _joined(self, fit: Fit, rival: float = 0.0) -> list[Fit]:
@@ -187,6 +188,18 @@ class Search:
             best = min(joined, key=lambda each: each.loss, default=fit)
             if best.loss < EXCHANGED * fit.loss:
                 fit = best
+        return found
+
+    def _reshaped(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The best fit from the other starts of its effects, if it ended where it may not be named.
+
+        A speed at the end of its range is no minimum of the loss, but where the way from a wrong start led.
+        """
+        found = []
+        for best in sorted(fits, key=lambda fit: fit.loss)[:1]:
+            others = other_starts(best, self.scales, self.few.device) if absurd(best, self.scales) else []
+            again = [refine(self.few, best, members, self.scales) for members in others]
+            found += [each for each in again if each is not None]
         return found
 
     def _plainer(self, fits: Sequence[Fit]) -> list[Fit]:
