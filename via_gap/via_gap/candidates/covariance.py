@@ -78,8 +78,11 @@ def clustered_covariance(
     Source: K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986);
     n / (n - 1) since the sum of all scores is 0.
     """
+    segment = problem.segment_of_value()
+    starts = np.flatnonzero(np.diff(segment, prepend=-1))
     scores = np.zeros((cluster.max() + 1, slopes.shape[1]))
-    np.add.at(scores, cluster[problem.segment_of_value()], slopes * residual[:, None])
+    of_segments = np.add.reduceat(slopes * residual[:, None], starts, axis=0)
+    np.add.at(scores, cluster[segment[starts]], of_segments)
     count = len(np.unique(cluster))
     meat = scores.T @ scores * count / max(count - 1, 1)
     meat[range(first), range(first)] += 1.0
