@@ -409,6 +409,20 @@ ALERT = ModulatedTorque(
 CONSTANT = lambda t: np.ones_like(t)  # noqa: E731
 
 
+def test_a_cubic_spring_whose_device_file_says_linear_is_known_to_two_percent():
+    """One term more than the cubic shows that the series ends there; without it, what is left out could be as large."""
+    device = elastic(
+        0.1, {"inertia": 0.02, "viscous_friction": 0.3}, {"stiffness": 8.0, "max_deflection": 1.3}, torque_noise=0.02
+    )
+    rows, truth = changing(CONSTANT)
+    _, estimates = ModulatedTorque.from_device(device).run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    late = rows[:, 0] > 5.0
+    assert np.mean(estimates.status[late] == Status.OK) > 0.95
+    assert np.median(sd[late] / truth[late]) < 0.02
+    assert np.mean(np.abs(value - truth)[late] <= 1.96 * sd[late]) >= 0.85
+
+
 @pytest.mark.parametrize(
     ("scale", "begin", "end", "largest"),
     [

@@ -13,10 +13,11 @@ from numba import njit
 from via_core.springs import SpringLaw
 
 MOST_TERMS = 6
+LEAST_TERMS = 3  # odd: a spring whose file says linear may be cubic, and one more term shows that the series ends there
 
 
 def terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
-    """Numbers of odd and even terms that fit the spring laws to 1 % of their largest torque, plus one each.
+    """Numbers of odd and even terms that fit the spring laws to 1 % of their largest torque, plus one each; 3 at least.
 
     The constant is always there: the zeros of two encoders and of a torque differ by a few steps at least, and a stiff
     spring answers with a torque that other terms, or friction that builds up with travel, would have to explain.
@@ -29,7 +30,7 @@ def terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
         terms = share[:, None] ** (2 * np.arange(order) + 1 if odd else np.arange(2 * order))
         misfit = torques - terms @ np.linalg.lstsq(terms, torques, rcond=None)[0]
         if np.abs(misfit).max() <= 0.01 * largest:
-            return order + 1, 1 if odd else order + 1
+            return max(order + 1, LEAST_TERMS), 1 if odd else order + 1
     return MOST_TERMS, 1 if odd else MOST_TERMS
 
 
