@@ -7,7 +7,7 @@ from gap_models import BACKLASH, COULOMB, PAYLOAD, VISCOUS, evaluated, scales
 from via_gap.candidates.fit import Fit
 from via_gap.diagnosis import diagnose
 from via_gap.report.answer import _weights
-from via_gap.report.causes import compared_causes
+from via_gap.report.causes import compared_causes, conformal_set
 from via_gap.selection import reliability
 from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
@@ -81,3 +81,10 @@ def test_what_a_main_effect_leaves_in_other_motion_decides_its_probability():
         trust = reliability.reliability("main_effect", left)
         assert [each.probability for each in causes] == pytest.approx([trust * each.share for each in causes])
     assert reliability.reliability("main_effect", 0.5) < reliability.reliability("main_effect", 0.02)
+
+
+def test_a_conformal_set_belongs_to_answers_that_name_a_cause():
+    causes = compared_causes(flexible(), several(), scales(), evaluated([200.0] * 8))
+    assert conformal_set("main_effect", "full", causes) == tuple(each.place for each in causes)
+    assert conformal_set("cannot_tell", "full", causes) is None
+    assert conformal_set("main_effect", "commands only", causes) is None  # too few calibration cases

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from gap_logs import log_of, rigid
 from via_gap.candidates.converged import converged
+from via_gap.candidates.covariance import clusters
 from via_gap.candidates.fit import Fit, members_of, refine
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
@@ -12,7 +13,9 @@ from via_gap.residual.recordings import Recordings
 from via_gap.selection import transfer
 from via_gap.selection.comparison import candidates_of
 from via_gap.selection.experiment import Experiment
+from via_gap.selection.reliability import wider
 from via_gap.selection.transfer import EVERY, _every, transferred
+from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
 
 DRAG = Effect("quadratic_drag", "link", {"coefficient": 0.05})
@@ -51,17 +54,31 @@ def test_an_effect_that_resembles_it_fails_in_fast_motion_when_fitted_to_slow_mo
     assert elsewhere["speed"] > 1.4 * max(left, elsewhere["time"])
 
 
-def test_the_interval_of_a_wrong_friction_holds_its_values_in_slow_and_in_fast_motion(experiment):
-    """The coefficient of viscous friction that fits a drag grows with the speed; that of the drag itself does not."""
-    fit, scales = fitted_by(experiment, Location("viscous_friction", "link", 0), 0.03)
-    whole = converged(experiment.fitted, fit, scales)
+def test_the_interval_of_a_wrong_friction_holds_its_values_in_slow_and_in_fast_motion(experiment, monkeypatch):
+    """The dry friction that fits a drag grows with the speed, which neighbours do not show; the drag is constant."""
+    fit, scales = fitted_by(experiment, Location("coulomb_friction", "link", 0), 0.03)
+    drag, _ = fitted_by(experiment, Location("quadratic_drag", "link", 0), 0.03)
+    (sd,), (of_drag,) = (converged(experiment.fitted, each, scales).sd for each in (fit, drag))
+    monkeypatch.setattr("via_gap.candidates.converged.clusters", lambda problem: clusters(problem)[:1])
+    (of_neighbours,) = converged(experiment.fitted, fit, scales).sd
     speed = quantities(experiment.fitted.views)["speed"]
     for half in (speed < np.median(speed), speed >= np.median(speed)):
         part = experiment.fitted.part([np.flatnonzero(half)])[0]
-        there = refine(part, fit, members_of(fit), scales)
-        assert 0.5 * whole.sd[0] < abs(there.values[0] - whole.values[0]) < 1.96 * whole.sd[0]
-    drag, scales = fitted_by(experiment, Location("quadratic_drag", "link", 0), 0.03)
-    assert converged(experiment.fitted, drag, scales).sd[0] < 0.001 * drag.values[0]
+        there = refine(part, fit, members_of(fit), scales).values[0]
+        assert 1.96 * of_neighbours < abs(there - fit.values[0]) < 1.96 * sd
+    assert of_drag < 0.001 * drag.values[0]
+
+
+def test_a_main_effect_has_wider_intervals_than_an_effect(experiment):
+    fit, scales = fitted_by(experiment, Location("quadratic_drag", "link", 0), 0.03)
+    (model,) = experiment.evaluate([fit])
+    known = {"shares": ((fit.locations[0], 1.0),), "models": (model,), "equivalent": fit.locations}
+    sds = []
+    for verdict in ("effect", "main_effect"):
+        decision = Decision(verdict, model, 1.0, **known).converged(experiment, scales)
+        assert decision.widened == wider(verdict)
+        sds.append(decision.chosen.fit.sd[0])
+    assert sds[1] / sds[0] == pytest.approx(wider("main_effect") / wider("effect")) and sds[1] > 2.0 * sds[0]
 
 
 def test_a_quantity_in_which_most_segments_are_alike_divides_nothing(experiment, monkeypatch):
