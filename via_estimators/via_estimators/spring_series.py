@@ -13,11 +13,13 @@ from numba import njit
 from via_core.springs import SpringLaw
 
 MOST_TERMS = 6
-LEAST_TERMS = 3  # odd: a spring whose file says linear may be cubic, and one more term shows that the series ends there
+LEAST_TERMS = 3  # a spring whose file says linear may be cubic, and one more term shows that the series ends there
 
 
 def terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
-    """Numbers of odd and even terms that fit the spring laws to 1 % of their largest torque, plus one each; 3 at least.
+    """Numbers of odd and even terms that fit the spring laws to 1 % of their largest torque, plus one each.
+
+    There are at least LEAST_TERMS odd ones.
 
     The constant is always there: the zeros of two encoders and of a torque differ by a few steps at least, and a stiff
     spring answers with a torque that other terms, or friction that builds up with travel, would have to explain.

@@ -10,10 +10,9 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.residual.quantities import quantities
 from via_gap.residual.recordings import Recordings
-from via_gap.selection import transfer
+from via_gap.selection import reliability, transfer
 from via_gap.selection.comparison import candidates_of
 from via_gap.selection.experiment import Experiment
-from via_gap.selection.reliability import wider
 from via_gap.selection.transfer import EVERY, _every, transferred
 from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
@@ -69,16 +68,18 @@ def test_the_interval_of_a_wrong_friction_holds_its_values_in_slow_and_in_fast_m
     assert of_drag < 0.001 * drag.values[0]
 
 
-def test_a_main_effect_has_wider_intervals_than_an_effect(experiment):
+def test_a_main_effect_has_wider_intervals_than_an_effect(experiment, monkeypatch):
+    counted = reliability.shipped().model_copy(update={"wider": {"effect": 1.5, "main_effect": 6.0}})
+    monkeypatch.setattr(reliability, "shipped", lambda: counted)
     fit, scales = fitted_by(experiment, Location("quadratic_drag", "link", 0), 0.03)
     (model,) = experiment.evaluate([fit])
     known = {"shares": ((fit.locations[0], 1.0),), "models": (model,), "equivalent": fit.locations}
     sds = []
-    for verdict in ("effect", "main_effect"):
+    for verdict, factor in counted.wider.items():
         decision = Decision(verdict, model, 1.0, **known).converged(experiment, scales)
-        assert decision.widened == wider(verdict)
+        assert decision.widened == factor
         sds.append(decision.chosen.fit.sd[0])
-    assert sds[1] / sds[0] == pytest.approx(wider("main_effect") / wider("effect")) and sds[1] > 2.0 * sds[0]
+    assert sds[1] == pytest.approx(4.0 * sds[0])
 
 
 def test_a_quantity_in_which_most_segments_are_alike_divides_nothing(experiment, monkeypatch):

@@ -73,7 +73,7 @@ def clustered_covariance(
     """(p, p) covariance that is valid for any correlation of the errors inside a cluster (S,) of segments.
 
     With the score g_b = J_b' r_b of each of n clusters and the normal matrix N:
-        n / (n - 1)  N^-1 (sum g_b g_b' + prior) N^-1
+        N^-1 (n / (n - 1) sum g_b g_b' + prior) N^-1
     0 for parameters without influence.
     Source: K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986);
     n / (n - 1) since the sum of all scores is 0.
