@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from gap_verdicts import COULOMB, LAG, key, report
 from via_validation.sealed.evaluation import evaluate
 from via_validation.sealed.intervals import intervals_hold
@@ -91,13 +92,14 @@ def test_intervals_hold_within_two_standard_deviations() -> None:
     assert holds(stated({**COULOMB, "motor": 2}, torque=(0.03, 0.1))) == []  # not its place: nothing to compare
 
 
-def test_terms_of_a_ripple_are_compared_by_their_order() -> None:
-    ripple = {"effect": "torque_ripple", "site": "motor", "motor": 1}
+@pytest.mark.parametrize(("effect", "site"), [("torque_ripple", "motor"), ("gear_error", "transmission")])
+def test_terms_of_a_series_are_compared_by_their_order(effect: str, site: str) -> None:
+    series = {"effect": effect, "site": site, "motor": 1}
     true = {"amplitude": 0.1, "order": 12.0, "phase": 0.5, "amplitude_2": 0.05, "order_2": 28.0, "phase_2": 3.0}
 
     def holds(**values: tuple[float, float]) -> list[bool]:
-        cause = stated(ripple, **values)
-        return [e.holds for e in intervals_hold([{**ripple, "parameters": true}], [cause], [Cause(**ripple)], "stiff")]
+        cause = stated(series, **values)
+        return [e.holds for e in intervals_hold([{**series, "parameters": true}], [cause], [Cause(**series)], "stiff")]
 
     turned = {  # in another order, a turn away, one with its sign and half a period
         "amplitude": (0.0505, 0.001), "order": (28.0, 0.01), "phase": (3.01 - 2.0 * 3.14159265, 0.02),

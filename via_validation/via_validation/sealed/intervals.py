@@ -11,7 +11,6 @@ from via_core.metrics import WIDTH_95
 
 from via_validation.sealed.rightness import Cause, locates
 
-PERIODIC = ("torque_ripple", "encoder_eccentricity")  # sums of amplitude sin(order angle + phase)
 SAME_ORDER = 0.25  # [1/rev] terms closer than this are the same term
 
 
@@ -50,7 +49,7 @@ def intervals_hold(
 
 
 def _compared(effect: str, true: Mapping[str, float], reported: Mapping[str, Any]) -> list[IntervalCheck]:
-    if effect in PERIODIC:
+    if "amplitude" in true:  # a sum of amplitude sin(order angle + phase)
         return _periodic(effect, true, reported)
     return [
         IntervalCheck(effect, name, _distance(reported[name], value))
