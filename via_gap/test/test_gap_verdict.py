@@ -78,7 +78,7 @@ def reaching(rms: float) -> Callable[[Evaluation], Evaluation]:
     return lambda each: replace(each, segments=np.full(SEGMENTS, rms**2))
 
 
-def parts_by_hand(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None) -> tuple[float, float]:
+def parts_by_hand(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None) -> tuple[float, ...]:
     """`fractions` as docs/method.md states it, one number after the other; None: the bound is the noise."""
 
     def root(each: Evaluation) -> float:
@@ -92,9 +92,11 @@ def parts_by_hand(tuned: Evaluation, model: Evaluation, flexible: Evaluation | N
     found = []
     for error in (root, typical):
         before, after = error(tuned), error(model)
+        if before == 1.0:
+            continue
         bound = 1.0 if flexible is None else min(error(flexible), after)
         found.append(1.0 if before <= bound else min((before - after) / (before - bound), 1.0))
-    return found[0], found[1]
+    return tuple(found) or (1.0,)
 
 
 def answer(tuned: Evaluation, models: list[Evaluation]) -> tuple[list[Evaluation], Evaluation]:
@@ -218,12 +220,20 @@ def test_fractions_in_numbers():
     assert fractions(tuned, model) == pytest.approx((5.0 / 9.0, 5.0 / 9.0))
     assert fractions(tuned, even(0.3, COULOMB)) == (1.0, 1.0), "below the noise counts as noise"
     assert fractions(tuned, model, even(64.0)) == (1.0, 1.0), "a flexible torque that is worse is no bound"
-    assert fractions(even(0.9), even(0.8, COULOMB)) == (1.0, 1.0), "where there is nothing to explain"
+    assert fractions(even(0.9), even(0.8, COULOMB)) == (1.0,), "where there is nothing to explain"
     rare = evaluated([1.0] * 39 + [4000.0])  # a limit reached once: all of the root mean square, little that is typical
     root, typical = fractions(rare, even(1.0, COULOMB), even(1.0))
     assert (root, typical) == (1.0, 1.0)
     root, typical = fractions(evaluated([9.0] * 39 + [4000.0]), evaluated([9.0] * 40, COULOMB), even(1.0))
     assert root == pytest.approx((np.sqrt(108.775) - 3.0) / (np.sqrt(108.775) - 1.0)) and typical < 0.25
+
+
+def test_a_typical_segment_without_an_error_does_not_count_as_explained():
+    """A wall that is touched once: a cause that explains two thirds of the error there is not the cause."""
+    tuned, part = evaluated([0.4] * 39 + [4e4]), evaluated([0.4] * 39 + [5e3], BACKLASH)
+    assert fractions(tuned, part, even(0.4)) == pytest.approx((0.667,), abs=1e-3)
+    assert decide(tuned, [part], reaching(0.4)).verdict == "unknown"
+    assert decide(tuned, [even(0.4, COULOMB)], reaching(0.4)).verdict == "effect"
 
 
 def test_models_with_the_same_losses_are_one_model_under_several_names():

@@ -212,17 +212,21 @@ def noise_only(each: Evaluation) -> bool:
     return each.mean_square <= NUMBERS.no_gap
 
 
-def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None = None) -> tuple[float, float]:
+def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None = None) -> tuple[float, ...]:
     """Fractions of the explainable error that a model explains, at most 1: of root mean square and typical error.
+
+    An error that does not exceed the noise has no fraction: with rare contacts, a typical segment shows nothing. If
+    neither does, the fraction is 1.
 
     flexible  reaches the explainable error; None: all error above the noise is explainable
     """
     found = []
     for error in ERRORS:
-        bound = max(1.0, min(error(flexible), error(model)) if flexible else 1.0)
-        possible = error(tuned) - bound
-        found.append(1.0 if possible <= 0.0 else min((error(tuned) - max(error(model), 1.0)) / possible, 1.0))
-    return found[0], found[1]
+        before, after = error(tuned), max(error(model), 1.0)
+        if before > 1.0:
+            possible = before - max(1.0, min(error(flexible), error(model)) if flexible else 1.0)
+            found.append(1.0 if possible <= 0.0 else min((before - after) / possible, 1.0))
+    return tuple(found) or (1.0,)
 
 
 def accepted(more: Evaluation, fewer: Evaluation, tuned: Evaluation, models: Sequence[Evaluation] = ()) -> bool:
