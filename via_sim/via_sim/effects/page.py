@@ -18,9 +18,9 @@ simulator node, launch files and `via sim` load it, and a diagnosis writes one:
   parameters: {torque: 0.02}
 ```
 
-`motor` counts motors and transmissions from 1; 0 means both alike, as one cause. For sensors and late channels, 0 is
-the link. A rigid joint has no motor of its own: its drive is motor 1, and the command of the drive is the external
-torque.
+`motor` counts motors and transmissions from 1; 0 means both, with equal values. At the sites `sensor` and `timing`, 0
+means the encoder of the link. A rigid joint has no motor of its own: its drive is motor 1, and the command of the drive
+is the external torque.
 
 Values outside the bounds are refused. At its neutral values an effect changes no bit of the simulation; optional
 parameters default to neutral. `Linear` marks parameters in which the joint torques are linear. Entries may contain
