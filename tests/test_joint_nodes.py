@@ -237,6 +237,14 @@ def test_an_excited_joint_without_limits_in_its_file_has_the_limit_parameter(gra
     assert kept.tolist() == [6.0, 6.0]  # from its file
 
 
+def test_motors_without_limits_are_named_when_their_controller_starts(graph, capfd):
+    graph.add(NODES["commanded_torque"], device="cubic_aa_vsa")
+    graph.add(NODES["commanded_torque"], device="qbmove_a")
+    said = capfd.readouterr().err
+    assert "cubic_aa_vsa is not limited where its file states no torque_limit (motor 1, 2), speed_limit" in said
+    assert "qbmove_a is not limited" not in said
+
+
 def test_slow_samples_are_reported_in_one_line_with_the_remedy(graph, capfd):
     device, reports = load_device("cubic_demo"), []
     controller, peer = graph.add(NODES["excitation"], device=device.name), graph.node("peer")

@@ -89,6 +89,12 @@ class _Motion(NamedTuple):
     tau_e: Array  # [N m]
 
 
+def unstated(arm: LimitedArm) -> str:
+    """Limits that the file of an arm or joint does not state: names and numbers of motors."""
+    found = {name: np.flatnonzero(np.isinf(getattr(arm, name))) + 1 for name in ("torque_limit", "speed_limit")}
+    return ", ".join(f"{name} (motor {', '.join(map(str, motors))})" for name, motors in found.items() if motors.size)
+
+
 @dataclass(frozen=True, eq=False)
 class ArmLimits:
     """Limits of an arm. Raises ParameterError for times or shares outside the stated ranges."""
