@@ -78,8 +78,9 @@ def test_what_is_missed_of_a_sine_is_planted():
             run_, base = planted(sine, gain, delay, bias=0.02, scatter=0.1)
             H = 1.02 * gain * np.exp(-2j * np.pi * sine.frequency * delay)
             assert figures.missed(sine, [run_], base) == pytest.approx(abs(1.0 - H), abs=5e-3)
-    assert figures.fastest({0.1: 0.0, 0.2: 0.7, 0.5: 0.71, 1.0: 0.1}) == 0.2
-    assert figures.fastest({0.1: nan, 0.2: 0.1}) == 0.0
+    assert figures.fastest({0.1: (0.0, 1.0), 0.2: (0.7, 1.0), 0.5: (0.71, 1.0), 1.0: (0.1, 1.0)}) == 0.2
+    assert figures.fastest({0.1: (nan, 1.0), 0.2: (0.1, 1.0)}) == 0.0
+    assert figures.fastest({0.1: (0.1, 0.9), 0.2: (0.1, 0.89), 0.5: (0.1, 1.0)}) == 0.1  # no estimate, no following
 
 
 def test_a_step_is_followed_from_when_it_stays_within_ten_percent():

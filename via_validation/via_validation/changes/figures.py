@@ -27,6 +27,7 @@ from via_validation.changes.schedules import AMPLITUDE, STEP_SIZE, STEP_TIME, Sc
 from via_validation.compare.figures import WITHIN, Run
 
 BANDWIDTH = 1.0 / sqrt(2.0)  # [-] missed at most by a method that follows
+USABLE = 0.9  # share of samples with status OK
 SHORT = 0.05  # [s] over which the factor of a step is averaged
 
 
@@ -97,11 +98,14 @@ def followed(run: Run, unchanged: Array) -> float:
     return inf if off[-1] == len(time) - 1 else float(time[off[-1]] - STEP_TIME)
 
 
-def fastest(missed_by_frequency: dict[float, float]) -> float:
-    """Highest frequency [Hz] up to which every sine is followed; 0 if none is."""
+def fastest(sines: dict[float, tuple[float, float]]) -> float:
+    """Highest frequency [Hz] up to which every sine is followed with status OK; 0 if none is.
+
+    sines  by frequency what is missed, and the share of samples with status OK: others are no estimates
+    """
     highest = 0.0
-    for frequency in sorted(missed_by_frequency):
-        if not missed_by_frequency[frequency] <= BANDWIDTH:
+    for frequency, (lost, ok) in sorted(sines.items()):
+        if not (lost <= BANDWIDTH and ok >= USABLE):
             break
         highest = frequency
     return highest

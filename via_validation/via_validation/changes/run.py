@@ -44,8 +44,9 @@ class Followed:
 
     @property
     def fastest(self) -> float:
-        """Fastest sine followed [Hz], 0 if none."""
-        return fastest({each.frequency: self.outcomes[each.name].missed for each in SINES})
+        """Fastest sine followed with status OK [Hz], 0 if none."""
+        sines = {each.frequency: self.outcomes[each.name] for each in SINES}
+        return fastest({frequency: (each.missed, each.ok) for frequency, each in sines.items()})
 
     @property
     def weakest(self) -> tuple[str, float]:
