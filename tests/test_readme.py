@@ -24,12 +24,6 @@ from via_sim.effects.files import load_effects
 EXCEPTED = {  # start of a command -> why it does not run here
     "make ": "sets up, or runs the tests that contain this one; tests/test_demo.py runs the demo",
     "via action send": "diagnoses again; tests/test_ros_commands.py sends goals",
-    "via tables": "a quarter of an hour; via_validation/test/test_tables_*.py",
-    "via compare": "some minutes; via_validation/test/test_compare.py",
-    "via changes": "some minutes; via_validation/test/test_changes.py",
-    "via faults": "some minutes; tests/test_faulty_signals.py, via_validation/test/test_faults.py",
-    "via reliability": "a quarter of an hour; tests/test_reliability_faults.py",
-    "via bench ": "some minutes; via_validation/test/test_bench_*.py",
     "via gap diagnose my_bag --device my_joint.yaml --html": "the next section diagnoses the same bag",
     "via gap diagnose run.csv --arm": "tests/test_gap_arms.py diagnoses arms",
     "via gap fleet": "diagnoses again, or needs a cluster; via_bringup/test/test_gap_fleet_command.py",
