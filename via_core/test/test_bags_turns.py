@@ -95,4 +95,4 @@ def test_a_table_is_read_continuously_and_the_check_says_so(tmp_path: Path) -> N
     found = {(each.check, each.severity): each.text for each in check(path, device)}
     assert found["turn", "note"].startswith(f"passes the end of its turn {ends} times")
     assert found["repeated", "warning"].startswith("1 of 2002 stamps repeat")
-    assert found["backward", "warning"].startswith("1 of 2002 stamps are earlier")
+    assert found["backward", "warning"].startswith("1 of 2002 stamps are out of order")

@@ -291,7 +291,7 @@ class _Importer:
 def _command_findings(time: Array, in_order: Mask, commands: dict[str, Array]) -> list[Finding]:
     findings = []
     if not in_order.all():
-        text = f"{int((~in_order).sum())} of {len(time)} command stamps are invalid, repeated or decreasing"
+        text = f"{int((~in_order).sum())} of {len(time)} command stamps are invalid, repeated or out of order"
         findings.append(Finding("error", "stamps", "commands", text, float((~in_order).mean()), 0.0))
     for name, values in commands.items():
         bad = int(np.count_nonzero(~np.isfinite(values)))

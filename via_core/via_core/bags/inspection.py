@@ -101,8 +101,8 @@ def _check_table(path: Path, device: Device | None) -> list[Finding]:
 
 def _dropped(report: StampReport, subject: str) -> list[Finding]:
     """Findings on rows of a table without use because of their stamps."""
-    counts = (("repeated", report.repeated, "repeat"), ("backward", report.backward, "are earlier than"))
-    text = "{} of {} stamps {} the one before; their rows are left out"
+    counts = (("repeated", report.repeated, "repeat another one"), ("backward", report.backward, "are out of order"))
+    text = "{} of {} stamps {}; their rows are left out"
     return [
         Finding("warning", check_name, subject, text.format(bad, report.messages, what), bad / report.messages, 0.0)
         for check_name, bad, what in counts

@@ -14,6 +14,7 @@ from via_core.bags.turns import continuous
 from via_core.devices import Device
 from via_core.errors import BagError
 from via_core.signals import Array, Indices, Mask, Signals
+from via_core.stamps import ordered
 from via_core.wire import (
     EQUILIBRIUM_PRESET,
     FIELDS,
@@ -35,8 +36,8 @@ class StampReport:
     origin     [ns] stamp at time 0 of the Signals
     messages   messages in the bag
     others     messages that do not name the joint
-    repeated   messages dropped because an earlier one has the same stamp
-    backward   messages dropped because an earlier one has a later stamp
+    repeated   messages dropped because another one has the same stamp
+    backward   messages dropped because their stamp is out of order (`via_core.stamps`)
     kept       samples in the Signals
     passed     how often an angle passed the end of its turn, by channel; these angles were made continuous
     unread     columns of a table without commands that no channel uses: one of them may hold the commands
@@ -182,14 +183,9 @@ def _commands(columns: Columns, device: Device, origin: int) -> tuple[Signals, S
 
 
 def _increasing(columns: Columns, wanted: Mask, origin: int) -> tuple[Indices, StampReport]:
-    """The `wanted` rows whose stamp is later than all earlier ones, and their report."""
+    """The `wanted` rows in the order of their stamps, and their report."""
     rows = np.flatnonzero(wanted)
-    stamp = columns.stamp[rows]
-    latest = np.maximum.accumulate(stamp)
-    after = np.ones(len(rows), dtype=np.bool_)
-    after[1:] = stamp[1:] > latest[:-1]
-    repeated = int(np.count_nonzero(stamp[1:] == latest[:-1]))
-    backward = int(np.count_nonzero(stamp[1:] < latest[:-1]))
-    kept = rows[after]
+    order = ordered(columns.stamp[rows])
+    kept = rows[order.kept]
     others = len(columns) - len(rows)
-    return kept, StampReport(columns.topic, origin, len(columns), others, repeated, backward, len(kept))
+    return kept, StampReport(columns.topic, origin, len(columns), others, order.repeated, order.backward, len(kept))

@@ -22,6 +22,7 @@ from via_core.faults import FEW, faulty_time
 from via_core.modulated_rows import Samples
 from via_core.servos import servo_step
 from via_core.signals import Array, Mask, Signals
+from via_core.stamps import ordered
 
 LEAST_SAMPLES = 50
 EARLIEST, LATEST = -1e8, 2e9  # [s] valid stamps: ROS counts to 2^31, and an import shifts negative ones
@@ -58,11 +59,8 @@ def check_samples(time: Array, columns: Mapping[str, Array]) -> tuple[Finding, .
 
 
 def usable_stamps(time: Array) -> Mask:
-    """Mask (N,) of the samples whose stamp [s] is valid in ROS and later than all earlier ones."""
-    usable = (time > EARLIEST) & (time < LATEST)
-    known = np.where(usable, time, -np.inf)
-    usable[1:] &= known[1:] > np.maximum.accumulate(known)[:-1]
-    return usable
+    """Mask (N,) of the samples whose stamp [s] is valid in ROS, in order."""
+    return ordered(np.where((time > EARLIEST) & (time < LATEST), time, np.nan)).kept
 
 
 def _stamps(time: Array) -> list[Finding]:
@@ -72,7 +70,7 @@ def _stamps(time: Array) -> list[Finding]:
     if bad:
         share = bad / len(time)
         severity: Literal["warning", "error"] = "error" if share > BAD_STAMP_SHARE else "warning"
-        text = f"{bad} of {len(time)} stamps are invalid, repeated or decreasing; those samples are left out"
+        text = f"{bad} of {len(time)} stamps are invalid, repeated or out of order; those samples are left out"
         findings.append(Finding(severity, "stamps", "time", text, share, BAD_STAMP_SHARE))
     missing = losses(time[usable])
     if missing is not None:

@@ -20,6 +20,7 @@ from via_core.errors import ParameterError, SignalError, ViaError
 from via_core.recordings.guess import guess_time
 from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
 from via_core.signals import Array, Indices, Signals
+from via_core.stamps import ordered
 from via_core.wire import LINK, MOTOR, UNITS
 
 if TYPE_CHECKING:
@@ -131,11 +132,8 @@ def _time(
         there = raw[np.isfinite(raw)]
         begin = there[0] if origin is None and len(there) else origin or 0.0
         seconds = raw - begin
-    latest = np.maximum.accumulate(np.where(np.isfinite(seconds), seconds, -np.inf))
-    keep = np.isfinite(seconds)
-    keep[1:] &= seconds[1:] > latest[:-1]
-    repeated, backward = int(np.sum(seconds[1:] == seconds[:-1])), int(np.sum(seconds[1:] < latest[:-1]))
-    rows = np.flatnonzero(keep)
+    kept, repeated, backward = ordered(seconds)
+    rows = np.flatnonzero(kept)
     return seconds[rows], rows, (begin, repeated, backward)
 
 

@@ -38,7 +38,7 @@ def _stamps(log: JointLog) -> Iterator[Finding]:
         yield log.finding("rate", "time", "refuse", rate, text)
     elif abs(rate / filed - 1.0) > 0.1:
         yield log.finding("rate", "time", "note", rate, f"sampled at {rate:.4g} Hz, not {filed:.4g} Hz as filed")
-    for count, what in zip(log.dropped, ("repeat", "run backward"), strict=True):
+    for count, what in zip(log.dropped, ("repeat another", "are out of order"), strict=True):
         if count:
             text = f"{count} samples whose stamps {what} were dropped"
             yield log.finding("duplicates", "time", "note", count, text)
