@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from via_core.bags.definitions import typestore_of
 from via_core.bags.inspection import check
+from via_core.bags.joints import StampReport
 from via_core.bags.writer import BagWriter
-from via_core.devices import load_device
+from via_core.devices import Device, load_device
 from via_core.wire import JOINT_STATE
 
 DEVICE = load_device("cubic_demo")
@@ -30,8 +31,8 @@ def bag(folder: Path, names: tuple[str, ...], effort: bool, still: bool = False)
     return folder
 
 
-def complaints(path: Path) -> list[tuple[str, str]]:
-    return [(each.severity, each.text) for each in check(path, DEVICE) if each.check == "channel"]
+def complaints(path: Path, device: Device = DEVICE) -> list[tuple[str, str]]:
+    return [(each.severity, each.text) for each in check(path, device) if each.check == "channel"]
 
 
 def test_a_complete_joint_has_no_findings(tmp_path):
@@ -53,6 +54,22 @@ def test_efforts_that_are_always_zero_are_reported(tmp_path):
     found = complaints(bag(tmp_path / "run", NAMES, effort=True, still=True))
     assert [severity for severity, _ in found] == ["warning", "warning"]
     assert "is 0 in all messages" in found[0][1]
+
+
+def test_the_torque_of_a_rigid_joint_is_missed_as_well(tmp_path):
+    """It comes alone, or never changes, or is there."""
+    pendulum = load_device("dfki_simple_pendulum")
+    names = (pendulum.link_joint, *pendulum.drive_joints)
+    assert complaints(bag(tmp_path / "whole", names, effort=True), pendulum) == []
+    (still,) = complaints(bag(tmp_path / "still", names, effort=True, still=True), pendulum)
+    assert still == ("warning", "the effort of the drive is 0 in all messages; check that it is measured")
+    ((_, alone),) = complaints(bag(tmp_path / "alone", names[:1], effort=True), pendulum)
+    assert alone.startswith("the effort of the drive is in no message that names the link")
+
+
+def test_messages_without_the_link_are_named_where_a_torque_is_missing(tmp_path):
+    report = StampReport("/joint_states", 0, messages=100, others=50, repeated=0, backward=0, kept=50)
+    assert report.hint == "; 50 of 100 messages do not name the link: publish its drive in the same ones"
 
 
 @pytest.mark.parametrize("topic", ["/robot/joint_states"])

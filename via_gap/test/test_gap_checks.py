@@ -7,10 +7,14 @@ import pytest
 from gap_logs import flexible, log_of
 from hypothesis import given
 from hypothesis import strategies as st
+from via_core.bags.joints import JointRecording, StampReport
+from via_core.devices import load_device
 from via_core.signals import Signals
 from via_gap.logs.checks import check_log
 from via_gap.logs.log import JointLog
 from via_gap.logs.rounding import step_of
+
+REPORTS = (StampReport("/joint_states", 0, 1, 0, 0, 0, 1),)
 
 
 def changed(log: JointLog, keep=None, **channels) -> JointLog:
@@ -100,3 +104,36 @@ def test_a_steady_speed_is_no_grid(rate, wobble):
     assert step_of(quantum * np.rint(angle / quantum)) in (0.0, pytest.approx(quantum, rel=0.01))
     coarse = 0.0131
     assert step_of(coarse * np.rint(angle / coarse)) == pytest.approx(coarse, rel=0.01)
+
+
+def swinging(driven: bool) -> JointLog:
+    """A rigid pendulum whose torque is recorded as 0 throughout: released twice, or driven."""
+    device = load_device("dfki_simple_pendulum")
+    time = np.arange(0.0, 20.0, 2e-3)
+    since = time % 10.0
+    q = np.exp(-0.15 * since) * np.cos(4.0 * since) if not driven else np.sin(time**1.3) + 0.6 * np.sin(2.1 * time)
+    signals = Signals(time, {"q": q, "tau": np.zeros((len(time), 1))}, {"q": "rad", "tau": "N m"})
+    return JointLog("swing", device, signals, None)
+
+
+def test_a_joint_that_gains_energy_without_torque_is_refused():
+    assert "undriven" not in findings(swinging(driven=False))
+    (found,) = [each for each in check_log(swinging(driven=True)) if each.check == "undriven"]
+    assert found.severity == "refuse" and "0 N m in all samples" in found.text
+
+
+def test_a_break_of_an_hour_is_made_short(clean):
+    """Samples and commands keep their order, and the report says so."""
+    measured, commands = clean.measured, clean.commands
+
+    def set_forward(signals: Signals) -> Signals:
+        return replace(signals, time=signals.time + 3600.0 * (signals.time > 2.0))
+
+    log = JointLog.of("jump", clean.device, JointRecording(set_forward(measured), set_forward(commands), REPORTS))
+    moved = 1.0 * (measured.time > 2.0)
+    period = float(np.median(np.diff(measured.time)))
+    assert np.allclose(log.measured.time, measured.time + (moved > 0) * (1.0 - period), atol=1e-9)
+    late = commands.time > 2.0 + period
+    assert np.allclose(log.commands.time[late], commands.time[late] + 1.0 - period, atol=1e-9)
+    (found,) = [each for each in check_log(log) if each.check == "break"]
+    assert found.value == pytest.approx(3600.0, abs=0.01) and np.all(np.diff(log.commands.time) > 0.0)

@@ -244,24 +244,28 @@ def _check_joint(bag: Bag, device: Device, joint_topic: str) -> list[Finding]:
             text = f"{report.others} of {report.messages} messages are of other joints"
             findings.append(Finding("note", "others", report.topic, text, float(report.others)))
     findings += _turns(reports)
-    return findings + _check_channels(measured, device) + list(check_recording(measured, commands, device))
+    commanded = commands is not None and "external_torque" in commands
+    return findings + _check_channels(measured, device, commanded) + list(check_recording(measured, commands, device))
 
 
-def _check_channels(measured: Signals, device: Device) -> list[Finding]:
-    """Signals that an estimator of this device needs and that are missing or constant."""
+def _check_channels(measured: Signals, device: Device, commanded: bool) -> list[Finding]:
+    """Signals that an estimator or a diagnosis of this device needs and that are missing or constant.
+
+    commanded  the torque of the drive of a rigid joint was recorded as a command
+    """
     findings = []
     needed = {"q": ("angle", "link")}
     if device.drive == "torque" and device.n_motors:
         needed |= {"theta": ("angle", "motor"), "tau": ("effort", "motor")}
+    elif device.drive == "torque" and device.damper is None and not commanded:
+        needed |= {"tau": ("effort", "the drive")}
     for channel, (what, whose) in needed.items():
         columns = measured[channel].reshape(len(measured), -1) if channel in measured else np.empty((len(measured), 0))
-        for i in range(1 if whose == "link" else device.n_motors):
-            name = whose if whose == "link" else f"{whose} {i + 1}"
+        for i in range(device.n_motors if whose == "motor" else 1):
+            name = f"{whose} {i + 1}" if whose == "motor" else whose
             column = columns[:, i] if i < columns.shape[1] else np.full(len(measured), np.nan)
             if not np.isfinite(column).any():
-                text = (
-                    f"the {what} of {name} is in no message that names the link; an estimator needs both in one message"
-                )
+                text = f"the {what} of {name} is in no message that names the link: publish both in one message"
                 findings.append(Finding("warning", "channel", device.name, text, 1.0))
             elif len(column) > 1 and np.all(column == column[0]):
                 text = f"the {what} of {name} is {column[0]:g} in all messages; check that it is measured"

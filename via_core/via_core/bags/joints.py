@@ -56,6 +56,10 @@ class StampReport:
     @property
     def hint(self) -> str:
         """What may hold the commands of a recording that seems to have none, as the rest of a sentence."""
+        if self.others:
+            return (
+                f"; {self.others} of {self.messages} messages do not name the link: publish its drive in the same ones"
+            )
         if not self.unread:
             return ""
         more = f" and {len(self.unread) - SHOWN} more" if len(self.unread) > SHOWN else ""

@@ -12,6 +12,7 @@ from via_core.device_parts import TorqueMotor
 from via_core.faults import faulty_time
 from via_core.modulated_rows import Samples
 
+from via_gap.logs.breaks import LEFT
 from via_gap.logs.findings import Finding, worst_first
 from via_gap.logs.log import ERRATIC, JointLog, jumps
 from via_gap.logs.rounding import step_of
@@ -19,11 +20,15 @@ from via_gap.logs.rounding import step_of
 SHORTEST = 0.5  # [s] two segments; short recordings are fitted together
 SLOWEST = 50.0  # [Hz]
 COARSE = 1.5  # times the filed step: a coarser encoder
+AROUND = 5  # samples to either side of a pass, for its speed
+GAINED = 0.1  # of the largest speed: more than its noise
+OFTEN = 0.25  # of the passes: a joint that a hand lifts between free swings is faster less often
 
 
 def check_log(log: JointLog) -> list[Finding]:
     """All findings on a log, worst first."""
-    return worst_first([*_stamps(log), *_channels(log), *_steps(log), *_torques(log), *_alignment(log), *_faults(log)])
+    checks = (_stamps, _channels, _steps, _torques, _undriven, _alignment, _faults)
+    return worst_first(finding for check in checks for finding in check(log))
 
 
 def _stamps(log: JointLog) -> Iterator[Finding]:
@@ -42,6 +47,9 @@ def _stamps(log: JointLog) -> Iterator[Finding]:
         if count:
             text = f"{count} samples whose stamps {what} were dropped"
             yield log.finding("duplicates", "time", "note", count, text)
+    for begin, length in log.breaks:
+        text = f"no sample for {length:.4g} s from {begin:.4g} s on: later times are counted as if it were {LEFT:g} s"
+        yield log.finding("break", "time", "note", length, text)
     for channel, count in log.passed.items():
         text = f"the angle starts again after a turn, {count} times; read as continuous"
         yield log.finding("turn", channel, "note", count, text)
@@ -98,6 +106,29 @@ def _torques(log: JointLog) -> Iterator[Finding]:
         if clipped > 0.02 or (limit is not None and float(np.mean(np.abs(tau[seen]) >= 0.999 * limit)) > 0.02):
             text = f"the torque of motor {i + 1} is at its largest value in {100 * clipped:.0f} % of the samples"
             yield log.finding("saturation", f"tau_{i + 1}", "note", clipped, text)
+
+
+def _undriven(log: JointLog) -> Iterator[Finding]:
+    """A rigid joint whose drive has one torque throughout, but which gains energy.
+
+    Under gravity, springs, any friction and a constant torque, a joint never passes an angle faster than before.
+    """
+    torque = log.torque
+    if log.device.n_motors or torque is None or not np.isfinite(torque).any() or np.ptp(torque[np.isfinite(torque)]):
+        return
+    there = np.isfinite(log.measured["q"])
+    time, q = log.measured.time[there], log.measured["q"][there]
+    passes = np.flatnonzero(np.diff(np.sign(q - np.median(q))) != 0)
+    passes = passes[(passes >= AROUND) & (passes < len(q) - AROUND)]
+    speed = np.abs((q[passes + AROUND] - q[passes - AROUND]) / (time[passes + AROUND] - time[passes - AROUND]))
+    if len(speed) < 2 or np.mean(np.diff(speed) > GAINED * speed.max()) < OFTEN:
+        return
+    value = float(torque[np.isfinite(torque)][0])
+    text = (
+        f"the torque of the drive is {value:.3g} N m in all samples, but the joint passes the same angle faster than "
+        "before: something drives it. Record the torque of the drive, or let the joint swing freely"
+    )
+    yield log.finding("undriven", "tau", "refuse", value, text)
 
 
 def _faults(log: JointLog) -> Iterator[Finding]:

@@ -17,6 +17,7 @@ from via_core.recordings.channels import read_joint
 from via_core.recordings.tables import is_bag
 from via_core.signals import Array, Signals
 
+from via_gap.logs.breaks import without_breaks
 from via_gap.logs.findings import Finding, Severity
 
 Level = Literal["full", "no torque", "link only", "commands only", "encoder and command"]
@@ -39,6 +40,7 @@ class JointLog:
     dropped: tuple[int, int] = (0, 0)  # number of samples left out: repeated stamps, stamps that ran backward
     passed: Mapping[str, int] = field(default_factory=dict)  # by channel: ends of turns that were made continuous
     hint: str = ""  # columns that may hold the commands of a log without, see `StampReport.hint`
+    breaks: tuple[tuple[float, float], ...] = ()  # [s] begin and length of breaks that were made short
     disbelieved: tuple[int, ...] = ()  # motors whose encoder jumps: their angles count as not measured
     # [s] delay of commands (or torques in their place) that are interpolated linearly between samples;
     # None: zero-order hold (`via_gap.logs.between`)
@@ -48,9 +50,10 @@ class JointLog:
     def of(name: str, device: Device, recording: JointRecording) -> JointLog:
         """The log of messages."""
         measured, commands, reports = recording
+        measured, commands, breaks = without_breaks(measured, commands)
         dropped = (sum(report.repeated for report in reports), sum(report.backward for report in reports))
         passed = {channel: count for report in reports for channel, count in report.passed.items()}
-        return JointLog(name, device, measured, commands, dropped, passed, reports[0].hint)
+        return JointLog(name, device, measured, commands, dropped, passed, reports[0].hint, breaks)
 
     def __post_init__(self) -> None:
         if len(self.measured) < 2:

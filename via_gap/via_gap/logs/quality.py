@@ -128,8 +128,8 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     lost = float(steps[gone].sum() / log.duration) if gone.size else 0.0
     share = float(np.mean(late))
     text = (
-        f"{100 * share:.2g} % of the samples came late, the longest after {1e3 * steps.max():.3g} ms instead of "
-        f"{1e3 * period:.3g} ms; {100 * lost:.2g} % of the time has no weight because gaps above "
+        f"{100 * share:.3g} % of the samples came late, the longest after {1e3 * steps.max():.3g} ms instead of "
+        f"{1e3 * period:.3g} ms; {100 * lost:.3g} % of the time has no weight because gaps above "
         f"{1e3 * longest:.3g} ms hide motion: record on a machine with less load, or stamp samples in the driver"
     )
     severe = lost > MUCH or share > MUCH
@@ -195,6 +195,7 @@ def _drive(log: JointLog) -> Iterator[_Found]:
     text = (
         "neither the drive torque nor its command was recorded: record the effort of the drive (tau_1) or its command "
         "(external_torque); if nothing drives the joint, record an external_torque of zero"
+        f"{log.hint}"
     )
     yield _Found(log.finding("no torque", "tau_1", "refuse", 0.0, text))
 
