@@ -17,7 +17,7 @@ from via_core.signals import Mask
 
 
 class Ordered(NamedTuple):
-    """kept (N,) samples whose stamps increase; numbers of the others with the stamp of the last one, and out of order."""
+    """kept (N,) samples in order; how many others have the stamp of the last one, or are out of order."""
 
     kept: Mask
     repeated: int

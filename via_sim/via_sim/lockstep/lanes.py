@@ -115,26 +115,34 @@ def load_state(p: Array, x: Array, late: int, z: Array, lane: int) -> None:
     for i in range(6):
         z[Z.start + i, lane] = x[i]
     for axis in range(3):
-        sign = stuck = 0.0
-        if has_friction(p, axis):
-            stuck = x[3 + axis] == 0.0
-            sign = 0.0 if stuck else (1.0 if x[3 + axis] > 0.0 else -1.0)
-        z[Z.sign + axis, lane], z[Z.stuck + axis, lane] = sign, stuck
         z[Z.bristle + axis, lane] = x[X.bristle + axis] if p[P.bristle_torque + axis] > 0.0 else 0.0
         z[Z.lagged + axis, lane] = x[X.lag + axis]
+    for i in range(2):
+        z[Z.maxwell + i, lane] = x[X.hysteresis + i] if p[P.hysteresis_torque + i] > 0.0 else 0.0
     last = queued_at(x, int(x[X.tick]) % ((x.size - X.queue) // QUEUED), late + 1)
     z[Z.behind, lane], z[Z.sent, lane], z[Z.power, lane] = x[X.behind], x[last + GOAL], x[last + POWER] > 0.5
     z[Z.integral, lane], z[Z.held, lane] = x[X.integral], 0.0
+    place(p, z, lane)
+
+
+@bare
+def place(p: Array, z: Array, lane: int) -> None:
+    """Which frictions stick or slip, which flanks and walls touch: what follows from the motion of a lane."""
+    for axis in range(3):
+        speed, sign, stuck = z[Z.start + 3 + axis, lane], 0.0, 0.0
+        if has_friction(p, axis):
+            stuck = speed == 0.0
+            sign = 0.0 if stuck else (1.0 if speed > 0.0 else -1.0)
+        z[Z.sign + axis, lane], z[Z.stuck + axis, lane] = sign, stuck
+    q, turning = z[Z.start, lane], z[Z.start + 3, lane]
     for i in range(2):
-        phi, half = deflection(p, EVERYTHING, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
+        phi, half = deflection(p, EVERYTHING, i, q, z[Z.start + 1 + i, lane]), 0.5 * p[P.backlash + i]
         z[Z.flank + i, lane] = 0.0 if half <= 0.0 or abs(phi) < half else (1.0 if phi > 0.0 else -1.0)
-        level = p[P.hysteresis_torque + i]
-        torque = x[X.hysteresis + i] if level > 0.0 else 0.0
-        slips = abs(torque) >= level > 0.0 and torque * (x[3] - x[4 + i]) > 0.0
-        z[Z.maxwell + i, lane] = torque
+        level, torque = p[P.hysteresis_torque + i], z[Z.maxwell + i, lane]
+        slips = abs(torque) >= level > 0.0 and torque * (turning - z[Z.start + 4 + i, lane]) > 0.0
         z[Z.slip + i, lane] = (1.0 if torque > 0.0 else -1.0) if slips else 0.0
-    depth = p[P.contact_side] * (x[0] - p[P.contact_angle])
-    touches = depth > 0.0 or (depth == 0.0 and p[P.contact_side] * x[3] > 0.0)
+    depth = p[P.contact_side] * (q - p[P.contact_angle])
+    touches = depth > 0.0 or (depth == 0.0 and p[P.contact_side] * turning > 0.0)
     z[Z.touch, lane] = 1.0 if touches and p[P.contact_stiffness] > 0.0 else 0.0
 
 

@@ -24,6 +24,7 @@ from via_sim.lockstep.lanes import (
     is_simple,
     load_parameters,
     load_state,
+    place,
     steps_of,
     store_inputs,
     store_state,
@@ -62,6 +63,8 @@ def lead_many(
 ) -> None:  # fmt: skip
     """`run_many` with prescribed motion of some axes: set to the measurement at every tick, the last one included.
 
+    `out` contains it but for the last tick.
+
     measured  (N, 6) angles [rad] and velocities [rad/s] as the encoders measure them, from tick 0 of the states on
     axes      (m,) int64, the axes whose motion is prescribed
     """
@@ -87,7 +90,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
         begin(p, x, work.u, work.modes[lane], work.weights[lane])
         sense(p, x, runs.out[lane, 0])
         load_parameters(p, z, lane)
-        work.number[lane], work.plain[lane] = int(x[X.tick]), runs.led.size == 0 and _has_plain_encoders(p)
+        work.number[lane], work.plain[lane] = int(x[X.tick]), _has_plain_encoders(p)
         z[Z.age, lane] = p[P.origin] + x[X.tick] * period
         alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period
         z[Z.joins, lane] = alike
@@ -102,7 +105,7 @@ def _run_block(runs: _Runs, work: _Work) -> None:
     left_out = True
     for tick in range(runs.out.shape[1] - 1):
         if left_out or runs.led.size > 0:
-            _join(runs, work)
+            _join(runs, tick, work)
         if together > 0:
             for lane in range(count):
                 command = runs.commands[runs.begins[lane] + tick]
@@ -157,15 +160,28 @@ def _run_block(runs: _Runs, work: _Work) -> None:
 
 
 @bare
-def _join(runs: _Runs, work: _Work) -> None:
-    """State into the lanes that go in lockstep from this tick on."""
+def _join(runs: _Runs, tick: int, work: _Work) -> None:
+    """Prescribed motion, and the state into the lanes that go in lockstep from this tick on."""
+    z = work.z
     for lane in range(len(runs.rows)):
-        if runs.led.size > 0:
-            _lead(runs.rows[lane], runs.states[lane], runs.measured, runs.led)
-            work.loaded[lane] = 0
-        if work.loaded[lane] == 0 and work.z[Z.joins, lane] > 0.0:
-            work.loaded[lane] = 1
-            load_state(runs.rows[lane], runs.states[lane], work.modes[lane, MODE.late], work.z, lane)
+        p, x = runs.rows[lane], runs.states[lane]
+        if work.loaded[lane] == 0:
+            if runs.led.size > 0:
+                _lead(p, x, runs.measured, runs.led)
+            if z[Z.joins, lane] > 0.0:
+                work.loaded[lane] = 1
+                load_state(p, x, work.modes[lane, MODE.late], z, lane)
+        elif runs.led.size > 0:
+            for axis in runs.led:
+                angle, speed = _prescribed(p, work.number[lane] + tick, runs.measured, axis)
+                z[Z.start + axis, lane], z[Z.start + 3 + axis, lane] = angle, speed
+                if work.plain[lane] == 0:  # the history is written from its state
+                    x[axis], x[3 + axis] = angle, speed
+            place(p, z, lane)
+        if work.plain[lane] != 0 and work.loaded[lane] != 0:  # here it is written from `out`
+            for axis in runs.led:
+                runs.out[lane, tick, axis] = z[Z.start + axis, lane] + z[Z.encoder_offset + axis, lane]
+                runs.out[lane, tick, 3 + axis] = z[Z.start + 3 + axis, lane]
 
 
 @bare
@@ -234,14 +250,20 @@ def _store(runs: _Runs, lane: int, tick: int, row: int, work: _Work) -> None:
 
 @bare
 def _lead(p: Array, x: Array, measured: Array, axes: Any) -> None:
-    """Set axes of state x to their measurement at its tick; a late encoder measured it later."""
+    """Set axes of state x to their measurement at its tick."""
     for axis in axes:
-        at = min(x[X.tick] + p[P.skew + axis] / p[P.tick], len(measured) - 1.0)
-        low = int(at)
-        share, high = at - low, min(low + 1, len(measured) - 1)
-        angle = (1.0 - share) * measured[low, axis] + share * measured[high, axis]
-        speed = (1.0 - share) * measured[low, 3 + axis] + share * measured[high, 3 + axis]
-        x[axis], x[3 + axis] = true_motion(p, axis, angle, speed)
+        x[axis], x[3 + axis] = _prescribed(p, int(x[X.tick]), measured, axis)
+
+
+@bare
+def _prescribed(p: Array, tick: int, measured: Array, axis: int) -> tuple[float, float]:
+    """Angle and velocity of an axis at a tick by its measurement, which a late encoder took later."""
+    at = min(tick + p[P.skew + axis] / p[P.tick], len(measured) - 1.0)
+    low = int(at)
+    share, high = at - low, min(low + 1, len(measured) - 1)
+    angle = (1.0 - share) * measured[low, axis] + share * measured[high, axis]
+    speed = (1.0 - share) * measured[low, 3 + axis] + share * measured[high, 3 + axis]
+    return true_motion(p, axis, angle, speed)
 
 
 @bare
