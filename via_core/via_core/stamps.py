@@ -1,8 +1,8 @@
 """Samples in the order of their stamps: the largest part of a recording in which time increases.
 
-One stamp that is far in the future makes all later ones seem old; dropping every stamp that is not later than all before
-would lose the recording. The longest increasing subsequence (Fredman, On computing the length of longest increasing
-subsequences, Discrete Mathematics 11, 1975) loses that stamp alone.
+One stamp that is far in the future makes all later ones seem old; dropping every stamp that is not later than all
+before would lose the recording. The longest increasing subsequence (Fredman, On computing the length of longest
+increasing subsequences, Discrete Mathematics 11, 1975) loses that stamp alone.
 """
 
 from __future__ import annotations

@@ -43,7 +43,6 @@ from via_controllers.methods import CONTROLLERS
 from via_controllers.nodes.answers import AnswerWriter, limit_names
 from via_controllers.nodes.samples import sample_reader, time_since
 from via_controllers.robot import ControlledArm, ControlledJoint
-from via_controllers.supervision.arm_limits import unstated
 from via_controllers.supervision.arm_supervision import GAP, Change
 from via_controllers.supervision.lateness import LATEST, Lateness
 
@@ -168,8 +167,7 @@ class ControllerNode(LifecycleNode):
             subscription(kind, topic, self._gate.message(callback), profile)
         renewed = RenewedSubscription(self, JointState, "/joint_states", self._answer, qos.LOOP)
         self._entities.append((RenewedSubscription.destroy, renewed))
-        missing = unstated(self._supervisor.limits.arm)
-        if missing:
+        if missing := self._supervisor.limits.unstated:
             self.get_logger().warning(f"{self._robot.name} is not limited where its file states no {missing}")
 
     def _creator(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:

@@ -89,12 +89,6 @@ class _Motion(NamedTuple):
     tau_e: Array  # [N m]
 
 
-def unstated(arm: LimitedArm) -> str:
-    """Limits that the file of an arm or joint does not state: names and numbers of motors."""
-    found = {name: np.flatnonzero(np.isinf(getattr(arm, name))) + 1 for name in ("torque_limit", "speed_limit")}
-    return ", ".join(f"{name} (motor {', '.join(map(str, motors))})" for name, motors in found.items() if motors.size)
-
-
 @dataclass(frozen=True, eq=False)
 class ArmLimits:
     """Limits of an arm. Raises ParameterError for times or shares outside the stated ranges."""
@@ -112,6 +106,14 @@ class ArmLimits:
         for name in shares:
             value = getattr(self, name)
             require(value <= 1.0, f"{name} must be <= 1, got {value}")
+
+    @property
+    def unstated(self) -> str:
+        """Limits that the file of the arm or joint does not state: names and numbers of motors."""
+        found = {
+            name: np.flatnonzero(np.isinf(getattr(self.arm, name))) + 1 for name in ("torque_limit", "speed_limit")
+        }
+        return ", ".join(f"{name} (motor {', '.join(map(str, each))})" for name, each in found.items() if each.size)
 
     @cached_property
     def _motors(self) -> _Motors:
