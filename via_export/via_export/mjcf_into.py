@@ -17,7 +17,8 @@ from via_sim.joint.parameters import LINK, P
 from via_sim.plants import GRAVITY
 
 from via_export import payloads
-from via_export.mjcf import Parts, has_memory, integrator, joint_parts, step
+from via_export.mjcf import Parts, joint_parts
+from via_export.mjcf_timing import has_memory, integrator, step
 from via_export.target import Target
 from via_export.xml import Element, child, element, text
 

@@ -20,7 +20,7 @@ from via_core.signals import Array
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, M1, POWER, X
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
-from via_export.mjcf import ROUND, steps_late
+from via_export.mjcf_timing import ROUND, steps_late
 from via_export.target import Target
 
 LOCKED = 1e6  # [kg m^2] armature of the joints of a given model that are not driven

@@ -173,7 +173,7 @@ EFFECT_ROWS = (
     ),
     row(
         "torque_gain",
-        mjcf="= actuator gainprm; of a position drive kp, damping and forcerange",
+        mjcf="= actuator gainprm; of a position drive its gains and forcerange",
         urdf="~ limit/effort times gain | commands themselves are not scaled",
         sdf="~ limit/effort times gain; of a position drive p_gain and d_gain | torque commands are not scaled",
         isaaclab="~ effort_limit times gain; of a position drive stiffness, damping | torque commands are not scaled",
@@ -228,7 +228,7 @@ EFFECT_ROWS = (
     ),
     row(
         "integral_action",
-        mjcf="= pid ki, imax", sdf="= JointPositionController i_gain, i_max, i_min",
+        mjcf="= gainprm, dynprm of an actuator of gaintype pid", sdf="= JointPositionController i_gain, i_max, i_min",
         ros2_control="= pid_controller gain i, i_clamp_max, i_clamp_min",
         isaaclab=NO_INTEGRAL, bam=NO_INTEGRAL, urdf="- gains belong to the controller",
     ),
@@ -259,7 +259,7 @@ EFFECT_ROWS = (
     ),
     row(
         "speed_limit",
-        mjcf="= pid slewmax", isaaclab="~ velocity_limit | limits the joint and not its goal",
+        mjcf="= dynprm of an actuator of gaintype pid", isaaclab="~ velocity_limit | limits the joint and not its goal",
         bam="- the goal is reached at once", others="~ limit/velocity | limits the joint and not its goal",
         ros2_control="= joint_limits max_velocity of a position command",
     ),
