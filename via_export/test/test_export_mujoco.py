@@ -72,6 +72,8 @@ PLANTED = (
     (SERVO, e("integral_action", "motor", 1, rate=6.0, start=0.1)),
     (SERVO, e("torque_saturation", "motor", 1, limit=0.4)),
     (SERVO, e("encoder_offset", "sensor", offset=0.2)),
+    (MACCEPA, e("encoder_offset", "sensor", 1, offset=0.1)),
+    (MACCEPA, e("encoder_offset", "sensor", 2, offset=0.1)),
     (MACCEPA, e("actuator_delay", "command", delay=0.045)),
     (MACCEPA, e("actuator_lag", "command", time_constant=0.045)),
     (MACCEPA, e("torque_saturation", "motor", 1, limit=2.0)),
@@ -90,7 +92,7 @@ NOT_HELD = (
     (CUBIC, e("gear_error", "transmission", 1, amplitude=0.1, order=3.0, phase=0.4)),
     (SERVO, e("load_dependent_friction", "link", coefficient=0.3)),
 )
-CASES = [pytest.param(*each, id=f"{each[1].name}-{each[0]}") for each in PLANTED]
+CASES = [pytest.param(*each, id=f"{each[1].name}-{each[0]}-{each[1].motor}") for each in PLANTED]
 
 
 @pytest.mark.parametrize("name", MOTIONS)

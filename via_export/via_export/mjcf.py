@@ -26,7 +26,7 @@ from via_export.mjcf_drives import NOT_A_SERVO, drive, limited, servo_inertia
 from via_export.mjcf_timing import integrator, late, step
 from via_export.springs import PRESET_LAWS, SpringTerm, preload, spring_terms
 from via_export.target import Target
-from via_export.xml import Attributes, Element, Value, document, element
+from via_export.xml import Attributes, Element, Value, document, element, text
 
 FAR = 1e3  # [rad] of a tendon that pulls on one side
 STUCK = 1e-6  # [rad] least travel of LuGre's bristle until it slides, for Stribeck friction
@@ -127,7 +127,7 @@ def _wall(target: Target) -> Attributes:
     return {
         **limited("", ends),
         "solreflimit": (-stiffness / target.inertia, -float(row[P.contact_damping]) / target.inertia),
-        "solimplimit": (SOFTEST, SOFTEST, 1e-3),
+        "solimplimit": (SOFTEST, SOFTEST, 1e-3), "margin": 0.0,
     }  # fmt: skip
 
 
@@ -171,7 +171,7 @@ def _motor(target: Target, axis: int, names: tuple[str, ...], parts: Parts) -> N
         parts.in_link.append(element("site", name=f"{names[0]}_base", pos=(spring.base, 0.0, 0.0)))
     if isinstance(spring, Maccepa) and axis == 2 and device.arrangement == "serial":
         joint.set("type", "slide")  # its travel is the length on the drum
-        joint.set("ref", "0")
+        joint.set("ref", text(spring.drum_radius * target.of_axis(P.encoder_offset, axis)))
         inertial.set("mass", inertial.get("diaginertia", "").split()[0])
         body.set("pos", f"{-FAR * spring.drum_radius!r} 0 0")
         joint.set("axis", "-1 0 0")

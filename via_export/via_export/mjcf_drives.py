@@ -78,6 +78,8 @@ def _servo(target: Target, axis: int, name: str) -> Element:
 
     A speed limit v: of the damping STEEP 2 w, that beyond 2 w is compensated by the actuator, whose force is limited to
     STEEP 2 w v. At that limit the body keeps its speed, and below it the compensation is exact.
+
+    A servo follows the true angle: an encoder offset shifts its log alone.
     """
     w, device = target.of_axis(P.bandwidth, axis - 1), target.device
     w = w / (1.0 + 0.5 * w * float(target.row[P.lag]))
@@ -93,6 +95,6 @@ def _servo(target: Target, axis: int, name: str) -> Element:
         ends = limited("force", (-STEEP * damping * speed, STEEP * damping * speed))
     return element(
         "general", name=f"{name}_drive", joint=name, gear=gear, gainprm=gain * (1.0 + NOT_A_SERVO), biastype="affine",
-        biasprm=(0.0, -gain, compensated), damping=(damping + compensated, 0.0, 0.0), input="pos", **ends,
-        **late(target),
+        biasprm=(gain * target.of_axis(P.encoder_offset, axis), -gain, compensated),
+        damping=(damping + compensated, 0.0, 0.0), input="pos", **ends, **late(target),
     )  # fmt: skip

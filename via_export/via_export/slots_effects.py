@@ -266,7 +266,8 @@ EFFECT_ROWS = (
     row(
         "encoder_offset",
         mjcf="= joint ref; coordinates of the model are those of the encoder",
-        urdf="~ joint origin | turns the link by the offset", sdf="~ pose of the link | turns the link by the offset",
+        urdf="~ joint origin | turns the link by the offset",
+        sdf="~ pose of the link; in a given model by hand | turns the link by the offset",
         isaaclab=READING, bam="= q_offset", ros2_control="= transmission joint/offset",
     ),
     row(
@@ -291,12 +292,14 @@ EFFECT_ROWS = (
     row(
         "link_inertia",
         mjcf="= inertial of the link; in a given model armature", isaaclab="= armature", bam="= armature",
-        others="= inertial of the link",
+        sdf="= inertial of the link; in a given model by hand", others="= inertial of the link",
     ),
     row(
         "gravity_error",
-        mjcf="= inertial of the link, its centre of mass", urdf="= inertial of the link, its origin",
-        sdf="= inertial of the link, its pose", isaaclab="- change the centre of mass in the USD file",
+        mjcf="= inertial of the link, its centre of mass; in a given model by hand",
+        urdf="= inertial of the link, its origin; in a given model by hand",
+        sdf="= inertial of the link, its pose; in a given model by hand",
+        isaaclab="- change the centre of mass in the USD file",
         bam="- change the mass of the test bench",
     ),
     row(
