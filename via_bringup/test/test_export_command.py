@@ -49,6 +49,20 @@ def test_a_file_and_its_losses(repair: Path, tmp_path: Path) -> None:
     assert 'friction="0.28"' in out.read_text()
 
 
+def test_notes_state_what_is_replaced_and_whether_the_file_loads_where_it_is(repair: Path, tmp_path: Path) -> None:
+    (tmp_path / "unit.xml").write_text('<mujocoinclude><compiler angle="radian"/></mujocoinclude>')
+    (robot := tmp_path / "robot.xml").write_text(
+        '<mujoco><include file="unit.xml"/><worldbody><body><joint name="hip" damping="0.5"/><geom size=".1"/></body>'
+        '</worldbody><actuator><motor name="m" joint="hip" gear="50"/></actuator></mujoco>'
+    )
+    options = ("export", repair, "--device", "dfki_simple_pendulum", "--into", robot, "--joint", "hip", "--out")
+    (tmp_path / "elsewhere").mkdir()
+    beside, elsewhere = run(*options, tmp_path / "out.xml"), run(*options, tmp_path / "elsewhere" / "out.xml")
+    assert "note: the device replaces damping 0.5 by 0.047" in beside and "a control of 1 was 50 N m" in beside
+    assert "not where it is" not in beside and "out.xml loads beside the given file, but not where it is" in elsewhere
+    mujoco.MjModel.from_xml_path(str(tmp_path / "out.xml"))
+
+
 def test_ros2_control_writes_two_files(repair: Path, tmp_path: Path) -> None:
     out = tmp_path / "joint.xacro"
     run("export", repair, "--device", "dfki_simple_pendulum", "--to", "ros2_control", "--out", out)

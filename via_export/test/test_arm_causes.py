@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from via_core.devices import load_device
@@ -106,6 +107,20 @@ def test_gravity_is_an_option_of_mjcf_and_nothing_of_a_urdf(write: Write) -> Non
 def test_limits_move_with_the_zero(to: str, low: float, high: float, write: Write) -> None:
     joint = read_robot(write(AngleOffset("lift", (), 0.05, 0.001, 0.9), to)).joint("lift")
     assert (joint.low, joint.high) == (pytest.approx(low, abs=1e-4), pytest.approx(high, abs=1e-4))
+
+
+def test_a_joint_of_mjcf_may_slide_and_lie_within_a_frame(tmp_path: Path) -> None:
+    (path := tmp_path / "framed.xml").write_text(
+        MJCF.replace('<joint name="elbow" axis="0 .6 .8"/>', '<frame><joint name="elbow" type="slide"/></frame>')
+    )
+    text = add_arm_cause(AngleOffset("elbow", (), 0.05, 0.001, 0.9), "mjcf", path)
+    assert mujoco.MjModel.from_xml_string(text).joint("elbow").qpos0[0] == pytest.approx(0.05)
+
+
+def test_a_model_that_does_not_load_is_refused(write: Write) -> None:
+    (again := write(PAYLOAD, "mjcf").with_name("again.xml")).write_text(write(PAYLOAD, "mjcf").read_text())
+    with pytest.raises(ParameterError, match="repeated name 'elbow_payload'"):
+        add_arm_cause(PAYLOAD, "mjcf", again)
 
 
 def test_what_no_file_can_have_is_refused(write: Write, tmp_path: Path) -> None:

@@ -87,6 +87,20 @@ def test_sdf_has_a_spring_to_the_base_where_its_joint_is_that_of_the_link() -> N
     assert "link_spring" in [loss.item for loss in lost]
 
 
+def test_sdf_springs_are_unloaded_where_the_encoders_measure_no_deflection() -> None:
+    offsets = [Effect("encoder_offset", "sensor", {"offset": value}, at) for at, value in ((0, 0.2), (1, 0.05))]
+    device = load_device("visco_elastic_demo")
+    made = export(device, [*offsets, Effect("preset_error", "transmission", {"offset": 0.1}, 1)], "sdf")
+    axis = f"model/joint[@name='{device.link_joint}']/axis/dynamics"
+    turned = {}
+    for part in ("motor", "link"):
+        pose = ElementTree.fromstring(made.text).findtext(f"model/link[@name='{device.name}_{part}']/pose", "")
+        turned[part] = float(pose.split()[5])  # about z
+    at_zero = turned["link"] - turned["motor"]  # deflection where the joint's angle is 0
+    assert at_zero == pytest.approx(-0.2 + 0.05)
+    assert number(made, f"{axis}/spring_reference") + at_zero == pytest.approx(0.1)
+
+
 @pytest.mark.parametrize("name", device_names())
 def test_sdf_springs_are_stable_and_its_version_is_one_that_older_gazebos_read(name: str) -> None:
     root = ElementTree.fromstring(export(load_device(name), (), "sdf").text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 from export_joints import (
@@ -71,6 +72,8 @@ PLANTED = (
     (SERVO, e("integral_action", "motor", 1, rate=6.0, start=0.1)),
     (SERVO, e("torque_saturation", "motor", 1, limit=0.4)),
     (SERVO, e("encoder_offset", "sensor", offset=0.2)),
+    (MACCEPA, e("encoder_offset", "sensor", 1, offset=0.1)),
+    (MACCEPA, e("encoder_offset", "sensor", 2, offset=0.1)),
     (MACCEPA, e("actuator_delay", "command", delay=0.045)),
     (MACCEPA, e("actuator_lag", "command", time_constant=0.045)),
     (MACCEPA, e("torque_saturation", "motor", 1, limit=2.0)),
@@ -89,7 +92,7 @@ NOT_HELD = (
     (CUBIC, e("gear_error", "transmission", 1, amplitude=0.1, order=3.0, phase=0.4)),
     (SERVO, e("load_dependent_friction", "link", coefficient=0.3)),
 )
-CASES = [pytest.param(*each, id=f"{each[1].name}-{each[0]}") for each in PLANTED]
+CASES = [pytest.param(*each, id=f"{each[1].name}-{each[0]}-{each[1].motor}") for each in PLANTED]
 
 
 @pytest.mark.parametrize("name", MOTIONS)
@@ -155,6 +158,30 @@ def test_the_integral_of_a_device_moves_the_joint_alike(more: dict[str, float]) 
     assert difference(truth, angles_in_mujoco(with_integral, (), SECONDS)) < SLOT
     assert difference(truth, angles_in_via_sim(device, (), SECONDS)) > 5.0 * SLOT
     assert "servo: ki" not in [loss.item for loss in export(with_integral, ()).losses]
+
+
+@pytest.mark.parametrize("more", [{}, {"speed_limit": 8.0}, {"ki": 12.0}, {"speed_limit": 8.0, "torque_limit": None}])
+def test_a_position_drive_keeps_its_torque_bias(more: dict[str, float | None]) -> None:
+    device, bias = device_of(SERVO), [e("torque_bias", "motor", 1, torque=0.1)]
+    assert device.servo is not None
+    device = device.model_copy(update={"servo": device.servo.model_copy(update=more)})
+    truth = angles_in_via_sim(device, bias, SECONDS)
+    assert difference(truth, angles_in_mujoco(device, bias, SECONDS)) < SLOT
+    assert difference(truth, angles_in_via_sim(device, (), SECONDS)) > 5.0 * SLOT
+    assert "torque_bias" not in [loss.item for loss in export(device, bias).losses]
+
+
+@pytest.mark.parametrize(
+    ("more", "kv", "damping"), [({"torque_limit": None}, 0.2, 0.0), ({"torque_limit": 1.0}, 0.0, 0.2)]
+)
+def test_kd_is_the_kv_of_a_position_actuator_unless_a_limit_excludes_it(
+    more: dict[str, float | None], kv: float, damping: float
+) -> None:
+    device = device_of(SERVO)
+    assert device.servo is not None
+    device = device.model_copy(update={"servo": device.servo.model_copy(update=more | {"kd": 0.2})})
+    model = mujoco.MjModel.from_xml_string(export(device).text)
+    assert -model.actuator_biasprm[0, 2] == pytest.approx(kv) and model.actuator_damping[0] == pytest.approx(damping)
 
 
 @pytest.mark.parametrize("speed_limit", [None, 8.0])

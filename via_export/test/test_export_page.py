@@ -32,10 +32,16 @@ made = export(load_device("my_joint.yaml"), load_effects("repair.yaml"), "urdf")
 ```
 
 With `--into` the given file (MuJoCo, URDF, SDF or BAM) is edited and written to `--out`: the joint gets the friction,
-drive and springs of the device; mass and inertia of the bodies are kept, and only their changes are added. What must be
-done by hand is printed. Other joints are not changed. What all joints of an arm feel (`report_payload.json`,
+drive and springs of the device; mass and inertia of the bodies are kept, and only their changes are added. Notes, which
+are printed and written at the head of the file, state what was replaced, what the control of a new drive is, and what
+must be done by hand. Numbers that the device does not know (armature, limits, a spring) are kept. In MJCF, new elements
+have a class of their own, `via_export`, so that defaults of the file do not change them, and MuJoCo loads the model
+before it is written. Other joints are not changed. What all joints of an arm feel (`report_payload.json`,
 `report_body.json`, `report_offset.json`, `report_gravity.json`) is written into its URDF or MJCF file, one report after
 the other, without a device.
+
+A device file does not state whether its joint turns or slides. A model of the joint alone turns; with `--into`, the
+joint stays what it is.
 
 `--check` simulates a log with the exported model in MuJoCo and states the gap before and after the repair, beside the
 same figures of `via_sim` and of the report. Both simulators start from the same states under the same commands.

@@ -15,14 +15,15 @@ import numpy as np
 import pinocchio
 from via_core.errors import ParameterError
 from via_core.robots.models import read_robot
-from via_core.signals import Array
 from via_gap.run.arm_body import BodyError
 from via_gap.run.arm_cause import ArmCause
 from via_gap.run.arm_gravity import Gravity
 from via_gap.run.arm_offset import AngleOffset
 from via_gap.run.arm_payload import Payload
 
+from via_export.mjcf_given import body_and_joint, loaded
 from via_export.payloads import PointMass
+from via_export.urdf import shift_zero, vector
 from via_export.xml import Edited, Element, child, text
 
 FORMATS = ("mjcf", "urdf")
@@ -42,7 +43,10 @@ def add_arm_cause(cause: ArmCause, to: str, path: Path, comment: str = "") -> st
     if (edited.root.tag == "mujoco") != (to == "mjcf"):
         raise ParameterError(f"--into: {path} is {'MJCF' if edited.root.tag == 'mujoco' else 'URDF'}, not {to.upper()}")
     (_to_mjcf if to == "mjcf" else _to_urdf)(edited.root, cause, path)
-    return edited.text(comment)
+    made = edited.text(comment)
+    if to == "mjcf":
+        loaded(made, path.parent)
+    return made
 
 
 def _to_urdf(root: Element, cause: ArmCause, path: Path) -> None:
@@ -51,17 +55,19 @@ def _to_urdf(root: Element, cause: ArmCause, path: Path) -> None:
     joint = next(each for each in root.iter("joint") if each.get("name") == cause.link)
     below = str(child(joint, "child").get("link"))
     if isinstance(cause, AngleOffset):
-        _turn(joint, cause.offset)
+        if joint.get("type") not in ("revolute", "continuous"):
+            raise ParameterError(f"joint '{cause.link}' does not turn")
+        shift_zero(joint, cause.offset)
     elif isinstance(cause, Payload) and cause.mass > 0.0:
         root.extend(PointMass(f"{cause.link}_payload", cause.mass, cause.position).urdf(below))
     else:
         link = next(each for each in root.iter("link") if each.get("name") == below)
         inertial = child(link, "inertial")
         place, mass, about = (child(inertial, tag) for tag in ("origin", "mass", "inertia"))
-        turned = pinocchio.rpy.rpyToMatrix(_vector(place, "rpy"))
+        turned = pinocchio.rpy.rpyToMatrix(vector(place, "rpy"))
         xx, xy, xz, yy, yz, zz = (float(about.get(key) or 0.0) for key in MOMENTS)
         tensor = turned @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turned.T
-        present = pinocchio.Inertia(float(mass.get("value") or 0.0), _vector(place, "xyz"), tensor)
+        present = pinocchio.Inertia(float(mass.get("value") or 0.0), vector(place, "xyz"), tensor)
         made = _changed(present, cause)
         place.attrib = {"xyz": text(made.lever), "rpy": "0 0 0"}
         mass.set("value", text(made.mass))
@@ -75,16 +81,13 @@ def _to_mjcf(root: Element, cause: ArmCause, path: Path) -> None:
             raise ParameterError("gravity is absent from the torques, not from the robot: its model is right")
         child(root, "option").set("gravity", text(cause.gravity))
         return
-    owners = [(body, each) for body in root.iter("body") for each in body.findall("joint")]
-    found = [(body, joint) for body, joint in owners if joint.get("name") == cause.link]
-    if not found:
-        raise ParameterError(f"joint '{cause.link}' is in an included file: give the model saved as one file")
-    body, joint = found[0]
+    body, joint = body_and_joint(root, cause.link)
     spec = mujoco.MjSpec.from_file(str(path))
     model = spec.compile()
     compiled = model.joint(cause.link)
     if isinstance(cause, AngleOffset):
-        unit = 180.0 / np.pi if spec.compiler.degree else 1.0
+        turns = compiled.type[0] == int(mujoco.mjtJoint.mjJNT_HINGE)
+        unit = 180.0 / np.pi if spec.compiler.degree and turns else 1.0
         joint.set("ref", text(unit * float(model.qpos0[compiled.qposadr[0]] + cause.offset)))
         if compiled.limited[0]:
             joint.set("range", text(unit * (compiled.range + cause.offset)))
@@ -122,23 +125,3 @@ def _changed(present: pinocchio.Inertia, cause: BodyError | Payload) -> pinocchi
         f"the body at {cause.link} would have {total[0]:.3g} kg or an impossible inertia: what is fixed to it "
         "is wrong as well; change these masses by hand"
     )
-
-
-def _turn(joint: Element, angle: float) -> None:
-    """Turn the origin of a URDF joint back by an angle [rad] about its axis; its limits move by the angle."""
-    if joint.get("type") not in ("revolute", "continuous"):
-        raise ParameterError(f"joint '{joint.get('name')}' does not turn")
-    axis_of = joint.find("axis")
-    axis = np.array([1.0, 0.0, 0.0]) if axis_of is None else _vector(axis_of, "xyz")
-    back = pinocchio.exp3(-angle * axis / np.linalg.norm(axis))
-    origin = child(joint, "origin")
-    origin.set("rpy", text(pinocchio.rpy.matrixToRpy(pinocchio.rpy.rpyToMatrix(_vector(origin, "rpy")) @ back)))
-    limit = joint.find("limit")
-    if limit is not None and joint.get("type") == "revolute":
-        for key in ("lower", "upper"):
-            limit.set(key, text(float(limit.get(key) or 0.0) + angle))
-
-
-def _vector(found: Element, key: str) -> Array:
-    """Three numbers of an attribute; zeros without it."""
-    return np.array([float(each) for each in (found.get(key) or "0 0 0").split()])

@@ -13,17 +13,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import ParseError
 
-import mujoco
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_sim.effects import Effect
 
 from via_export import bam, isaaclab, mjcf, mjcf_into, ros2_control, sdf, urdf
+from via_export.mjcf_given import compiled, loaded
 from via_export.slots import FORMATS, TITLES, Loss, losses
 from via_export.target import Target
 from via_export.xml import Edited
 
 BESIDE = ("mjcf", "urdf", "sdf", "bam")  # formats that can be written into a given file
+ROOTS = {"mujoco": "mjcf", "robot": "urdf", "sdf": "sdf"}  # root elements
 SUFFIXES = {"mjcf": ".xml", "urdf": ".urdf", "sdf": ".sdf", "isaaclab": ".py", "bam": ".json", "ros2_control": ".xacro"}
 
 
@@ -33,7 +34,7 @@ class Export:
 
     text        content of the file
     losses      what the format does not hold, with substitutes and costs
-    notes       what remains to be done by hand in a given model
+    notes       what is assumed, and of a given model: what is replaced, and what remains to be done by hand
     parameters  YAML beside the file: of ros2_control its limits and gains
     """
 
@@ -68,11 +69,12 @@ def export(
         raise ParameterError(f"--into: {TITLES[to]} is written as a fragment; formats with --into: {', '.join(BESIDE)}")
     target = Target.of(device, effects)
     lost = losses(target, to)
-    comment = _comment(target, lost)
     name = joint or device.link_joint
     if into is not None:
-        text, notes = _into(target, to, Path(into), name, comment, supply)
-        return Export(to, target, text, lost, tuple(notes), link=name)
+        text, found = _into(target, to, Path(into), name, lost, supply)
+        return Export(to, target, text, lost, tuple(found), link=name)
+    found = _assumed(target, to)
+    comment = _comment(target, lost, found)
     writers = {"mjcf": mjcf.write, "urdf": urdf.write, "sdf": sdf.write, "ros2_control": ros2_control.write}
     if to == "isaaclab":
         text = isaaclab.write(target, comment, joint)
@@ -80,43 +82,54 @@ def export(
         text = bam.write(target, supply)
     else:
         text = writers[to](target, comment)
+    if to == "mjcf":
+        compiled(text)
     parameters = ros2_control.parameters(target) if to == "ros2_control" else ""
-    return Export(to, target, text, lost, parameters=parameters)
+    return Export(to, target, text, lost, tuple(found), parameters=parameters)
 
 
-def _comment(target: Target, lost: Sequence[Loss]) -> str:
-    """Head of a file: where it comes from, and what it lacks."""
+def _assumed(target: Target, to: str) -> list[str]:
+    """What a model of the joint alone assumes. A link with gravity or with levers turns."""
+    turns = target.device.link.gravity_torque != 0.0 or target.depends_on_preset
+    if to not in ROOTS.values() or turns:
+        return []
+    return [
+        "the joint is written as one that turns; if it slides (m, N, kg for rad, N m, kg m^2), write it into its robot"
+    ]
+
+
+def _comment(target: Target, lost: Sequence[Loss], found: Sequence[str]) -> str:
+    """Head of a file: where it comes from, what it lacks, and notes."""
     what = [f"{effect.name} at {effect.site}" for effect in target.effects]
     added = f" with {', '.join(what)}" if what else ", without effects"
     lines = [f"Device {target.device.name}{added}; written by via export."]
-    return "\n".join(lines + [f"Lost: {loss}" for loss in lost])
+    return "\n".join(lines + [f"Lost: {loss}" for loss in lost] + [f"Note: {note}" for note in found])
 
 
-def _into(target: Target, to: str, path: Path, name: str, comment: str, supply: float | None) -> tuple[str, list[str]]:
+def _into(
+    target: Target, to: str, path: Path, name: str, lost: Sequence[Loss], supply: float | None
+) -> tuple[str, list[str]]:
     try:
         source = path.read_text(encoding="utf-8")
         if to == "bam":
             given = json.loads(source)
             if not isinstance(given, dict):
-                raise ParameterError(f"{path}: a parameter file of BAM is a mapping")
+                raise ParameterError("a parameter file of BAM is a mapping")
             return bam.write(target, supply, given), []
         edited = Edited.of(source)
         root = edited.root
+        if (kind := ROOTS.get(root.tag)) != to:
+            remedy = f"it is {kind.upper()}: use --to {kind}" if kind else f"its root is <{root.tag}>"
+            raise ParameterError(f"not {to.upper()}; {remedy}")
         if to == "mjcf":
-            notes = mjcf_into.into(root, target, name, _compiled(path))
+            found = mjcf_into.into(root, target, name, path)
         else:
-            notes = urdf.into(root, target, name, path) if to == "urdf" else sdf.into(root, target, name)
+            found = urdf.into(root, target, name, path) if to == "urdf" else sdf.into(root, target, name)
+        text = edited.text(_comment(target, lost, found))
+        if to == "mjcf":
+            found += loaded(text, path.parent)
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ParseError, json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (ParseError, ValueError, ParameterError) as error:
         raise ParameterError(f"{path}: {error}") from None
-    except ValueError as error:
-        raise ParameterError(f"{path}: {error}") from None
-    return edited.text(comment), notes
-
-
-def _compiled(path: Path) -> mujoco.MjModel:
-    try:
-        return mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise ParameterError(f"{path}: MuJoCo: {' '.join(str(error).split())}") from None
+    return text, found

@@ -15,26 +15,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import cos, isfinite, pi, sin
+from math import cos, pi, sin
 
 from via_core.device_parts import Maccepa, TwoLever
-from via_core.spring_equations import N_COEFFICIENTS, spring_torque
-from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
+from via_core.spring_equations import N_COEFFICIENTS
+from via_sim.joint.parameters import LINK, P
 from via_sim.plants import GRAVITY
 
+from via_export.mjcf_drives import NOT_A_SERVO, drive, limited, servo_inertia
+from via_export.mjcf_timing import integrator, late, step
 from via_export.springs import PRESET_LAWS, SpringTerm, preload, spring_terms
-from via_export.target import TICK, Target
-from via_export.xml import Attributes, Element, Value, document, element
+from via_export.target import Target
+from via_export.xml import Attributes, Element, Value, document, element, text
 
-STEP = 2.5e-4  # [s] largest time step
 FAR = 1e3  # [rad] of a tendon that pulls on one side
-STIFF = 1e7  # torque of a servo over that of its springs, per radian
 STUCK = 1e-6  # [rad] least travel of LuGre's bristle until it slides, for Stribeck friction
 RESOLVED = 0.5  # [rad] most of an oscillation on that bristle in a time step
 SOFTEST = 1e-4  # smallest impedance of a constraint, with which it is a spring and a damper
-NOT_A_SERVO = 1e-9  # of a gain: it differs from the bias, or a positive third bias is taken for a damping ratio
-STEEP = 20.0  # damping of a servo beyond its speed limit over that below it
-ROUND = 0.25  # time steps by which a delay is shortened, so that rounding does not select the next sample
 
 
 @dataclass
@@ -79,28 +76,6 @@ def sections(parts: Parts) -> list[Element]:
     return [element(name, *children) for name, children in named if children]
 
 
-def integrator(target: Target) -> str:
-    """Euler, with a quarter of the step, where elements have memory.
-
-    MuJoCo updates bristles and slipping springs exactly, but once per step. The stages of RK4 use them without that:
-    bristles that follow within a step are unstable there, and springs stick over a whole step.
-    """
-    return "Euler" if has_memory(target) else "RK4"
-
-
-def has_memory(target: Target) -> bool:
-    """Whether an axis has friction by LuGre's equations, or a transmission a spring that slips."""
-    axes, springs = range(1 + target.device.n_motors), range(target.device.n_transmissions)
-    bristles = any(target.dry(axis)[0] > target.dry(axis)[1] or target.bristle(axis)[0] > 0.0 for axis in axes)
-    return bristles or any(target.row[P.hysteresis_torque + i] > 0.0 for i in springs)
-
-
-def step(target: Target) -> float:
-    """[s] time step: a fraction of a millisecond that resolves the joint."""
-    steps = max(round(TICK / STEP), 2 * target.substeps)
-    return TICK / (4 * steps if has_memory(target) else steps)
-
-
 def joint_parts(target: Target, link: str = "", kept: float = 0.0) -> Parts:
     """All elements.
 
@@ -118,7 +93,7 @@ def joint_parts(target: Target, link: str = "", kept: float = 0.0) -> Parts:
         _spring(target, i, names, parts)
     _damper(target, names, parts)
     for axis in target.drives:
-        parts.actuators.append(_drive(target, axis, names[axis]))
+        parts.actuators.append(drive(target, axis, names[axis]))
     for axis, name in enumerate(names):
         parts.sensors.append(_sensor(target, axis, name))
     return parts
@@ -150,9 +125,9 @@ def _wall(target: Target) -> Attributes:
     wall = float(row[P.contact_angle]) + target.of_axis(P.encoder_offset, LINK)
     ends = (-FAR, wall) if row[P.contact_side] > 0.0 else (wall, FAR)
     return {
-        "range": ends, "limited": "true",
+        **limited("", ends),
         "solreflimit": (-stiffness / target.inertia, -float(row[P.contact_damping]) / target.inertia),
-        "solimplimit": (SOFTEST, SOFTEST, 1e-3),
+        "solimplimit": (SOFTEST, SOFTEST, 1e-3), "margin": 0.0,
     }  # fmt: skip
 
 
@@ -196,7 +171,7 @@ def _motor(target: Target, axis: int, names: tuple[str, ...], parts: Parts) -> N
         parts.in_link.append(element("site", name=f"{names[0]}_base", pos=(spring.base, 0.0, 0.0)))
     if isinstance(spring, Maccepa) and axis == 2 and device.arrangement == "serial":
         joint.set("type", "slide")  # its travel is the length on the drum
-        joint.set("ref", "0")
+        joint.set("ref", text(spring.drum_radius * target.of_axis(P.encoder_offset, axis)))
         inertial.set("mass", inertial.get("diaginertia", "").split()[0])
         body.set("pos", f"{-FAR * spring.drum_radius!r} 0 0")
         joint.set("axis", "-1 0 0")
@@ -206,18 +181,6 @@ def _motor(target: Target, axis: int, names: tuple[str, ...], parts: Parts) -> N
         body.set("pos", f"{spring.offset!r} {-spring.side * spring.distance!r} 0")
         body.append(element("site", name=f"{names[axis]}_lever", pos=(0.0, spring.side * spring.motor_lever, 0.0)))
         parts.in_link.append(element("site", name=f"{names[0]}_lever_{axis}", pos=(spring.link_lever, 0.0, 0.0)))
-
-
-def servo_inertia(target: Target, axis: int) -> float:
-    """[kg m^2] with which the torque of the springs turns a servo by less than 1/STIFF rad."""
-    torque = 0.0
-    for i, spring in enumerate(target.device.spring_laws):
-        start = P.spring + i * N_COEFFICIENTS
-        scale, c = float(target.row[P.spring_scale + i]), target.row[start : start + N_COEFFICIENTS].copy()
-        torque += max(
-            abs(scale * spring_torque(spring.kind, c, x * spring.max_deflection, 1.0)) for x in (0.25, 0.5, 1.0)
-        )
-    return STIFF * torque / target.of_axis(P.bandwidth, axis - 1) ** 2
 
 
 def _spring(target: Target, i: int, names: tuple[str, ...], parts: Parts) -> None:
@@ -302,89 +265,9 @@ def _damper(target: Target, names: tuple[str, ...], parts: Parts) -> None:
         rise = float(device.damping_of(high) - device.damping_of(low)) * _damper_scale(target) / (high - low)
         more: Attributes = {"biastype": "affine", "biasprm": (0.0, 0.0, rise * low)} if low else {}
         parts.actuators.append(
-            element("general", name=f"{device.name}_damper_{k}", **where, ctrlrange=(low, high), gaintype="affine",
-                    gainprm=(NOT_A_SERVO, 0.0, -rise), **more, **_late(target))
+            element("general", name=f"{device.name}_damper_{k}", **where, **limited("ctrl", (low, high)),
+                    gaintype="affine", gainprm=(NOT_A_SERVO, 0.0, -rise), **more, **late(target))
         )  # fmt: skip
-
-
-def steps_late(target: Target, h: float) -> int:
-    """Time steps h [s] of an actuator's delay; one more for a goal with a speed limit, which acts a step early."""
-    slews = target.row[P.link_drive] == POSITION_DRIVE and isfinite(target.row[P.drive_speed_limit])
-    return round(float(target.row[P.delay]) / h) + int(slews)
-
-
-def _late(target: Target) -> Attributes:
-    """Attributes of an actuator's delay, in time steps; its buffer is long enough for half of their length."""
-    late = steps_late(target, step(target))
-    return {"delay": (late - ROUND) * step(target), "nsample": float(2 * late + 2)} if late > 0 else {}
-
-
-def _filter(target: Target) -> Attributes:
-    lag = float(target.row[P.lag])
-    return {"dyntype": "filterexact", "dynprm": lag, "actearly": True} if lag > 0.0 else {}
-
-
-def _drive(target: Target, axis: int, name: str) -> Element:
-    """The actuator of a drive: torque, servo or position."""
-    row, late = target.row, _late(target)
-    if target.is_servo(axis):
-        return _servo(target, axis, name)
-    gain, bias = target.of_axis(P.torque_gain, axis), target.of_axis(P.torque_bias, axis)
-    limit = target.limit(axis)
-    if row[P.link_drive] != POSITION_DRIVE:
-        ends: Attributes = {"ctrlrange": (-limit, limit)} if isfinite(limit) else {}
-        affine: Attributes = {"biastype": "affine", "biasprm": (bias, 0.0, 0.0)} if bias else {}
-        return element(
-            "general", name=f"{name}_drive", joint=name, gainprm=gain, **affine, **ends, **_filter(target), **late
-        )
-    kp, kd = float(row[P.drive_stiffness]), float(row[P.drive_damping])
-    ends = {"forcerange": (bias - gain * limit, bias + gain * limit)} if isfinite(limit) else {}
-    speed = float(row[P.drive_speed_limit])
-    inside = kd if row[P.drive_limits_sum] else 0.0  # damping whose torque the limit includes
-    common = {"name": f"{name}_drive", "joint": name, "damping": (kd - inside, 0.0, 0.0), **ends, **late}
-    if isfinite(speed) or target.integral_gain > 0.0:
-        slews: Attributes = {"slewmax": speed} if isfinite(speed) else {}
-        return element("pid", **common, input="pos", kp=gain * kp, kv=inside, **slews, **_integral(target, gain))
-    return element(
-        "general",
-        **common,
-        gainprm=gain * kp,
-        biastype="affine",
-        biasprm=(bias, -gain * kp, -inside),
-        input="pos",
-        **_filter(target),
-    )
-
-
-def _integral(target: Target, gain: float) -> Attributes:
-    """Attributes of integral action; imax limits the integral of the error itself."""
-    ki, most = target.integral_gain, target.integral_limit
-    limited: Attributes = {"imax": most / ki} if ki > 0.0 and isfinite(most) else {}
-    return {"ki": gain * ki, **limited} if ki > 0.0 else {}
-
-
-def _servo(target: Target, axis: int, name: str) -> Element:
-    """x'' = w^2 (u - x) - 2 w x' of a heavy body; on a slide the actuator's gear converts to the angle of the drum.
-
-    A speed limit v: of the damping STEEP 2 w, that beyond 2 w is compensated by the actuator, whose force is limited to
-    STEEP 2 w v. At that limit the body keeps its speed, and below it the compensation is exact.
-    """
-    w, device = target.of_axis(P.bandwidth, axis - 1), target.device
-    w = w / (1.0 + 0.5 * w * float(target.row[P.lag]))
-    inertia, gear = servo_inertia(target, axis), 1.0
-    spring = device.springs[min(axis, device.n_transmissions) - 1]
-    if device.arrangement == "serial" and axis == 2 and isinstance(spring, Maccepa):
-        gear = 1.0 / spring.drum_radius
-    gain, damping = inertia * w * w / gear**2, 2.0 * inertia * w / gear**2
-    speed, ends, compensated = target.of_axis(P.saturation, axis), {}, 0.0
-    if isfinite(speed):
-        compensated = (STEEP - 1.0) * damping
-        ends = {"forcerange": (-STEEP * damping * speed, STEEP * damping * speed)}
-    return element(
-        "general", name=f"{name}_drive", joint=name, gear=gear, gainprm=gain * (1.0 + NOT_A_SERVO), biastype="affine",
-        biasprm=(0.0, -gain, compensated), damping=(damping + compensated, 0.0, 0.0), input="pos", **ends,
-        **_late(target),
-    )  # fmt: skip
 
 
 def _sensor(target: Target, axis: int, name: str) -> Element:

@@ -6,7 +6,7 @@ are kept; payloads become bodies, other changes of inertia armature.
 
 from __future__ import annotations
 
-from math import pi
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -14,142 +14,136 @@ import numpy as np
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_sim.joint.parameters import LINK, P
-from via_sim.plants import GRAVITY
 
-from via_export import payloads
-from via_export.mjcf import Parts, has_memory, integrator, joint_parts, step
+from via_export import notes, payloads
+from via_export.mjcf import Parts, joint_parts
+from via_export.mjcf_given import WHOLE, GivenJoint
+from via_export.mjcf_timing import has_memory, integrator, step
 from via_export.target import Target
 from via_export.xml import Element, child, element, text
 
 SMALL = 1e-9  # relative change of a number that counts as none
-ROUNDED = 1e-4  # relative change of a weight that is not worth an edit by hand: device files round their numbers
 TARGETS = ("joint", "jointinparent")
+POLYNOMIALS = {"damping": "dof_dampingpoly", "stiffness": "jnt_stiffnesspoly"}  # of a joint, beyond the linear term
 
 
-def into(root: Element, target: Target, name: str, model: Any) -> list[str]:
-    """Edit the model `root` in place; `model` is the same, compiled. Returns notes for the user.
+def into(root: Element, target: Target, name: str, path: Path) -> list[str]:
+    """Edit the model `root` of file `path` in place. Returns notes for the user.
 
-    Raises ParameterError if it is a URDF, has no hinge or slide of that name, or has it in an included file.
+    Raises ParameterError if it has no hinge or slide of that name, or has it or its actuator in an included file.
     """
-    if root.tag == "robot":
-        raise ParameterError("the given model is a URDF: use --to urdf, or leave --into away")
-    body, joint = _find(root, name, model)
-    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
-    in_degrees = _in_degrees(root)
-    kept = float(model.qpos0[model.jnt_qposadr[number]])
-    parts = joint_parts(target, name, kept)
-    given = model.jnt_range[number] if model.jnt_limited[number] else None
-    notes = _joint_attributes(joint, parts, target, in_degrees, given)
-    turn = _frame_quaternion(model.jnt_axis[number])
-    if parts.in_link:
-        body.append(element("frame", *parts.in_link, pos=model.jnt_pos[number], quat=turn))
-    if parts.bodies:
-        parent = next(each for each in root.iter() if body in list(each))
-        at, own = np.zeros(3), np.zeros(4)
-        index = int(model.jnt_bodyid[number])
-        mujoco.mju_rotVecQuat(at, model.jnt_pos[number], model.body_quat[index])
-        mujoco.mju_mulQuat(own, model.body_quat[index], turn)
-        parent.append(element("frame", *parts.bodies, pos=model.body_pos[index] + at, quat=own))
-    notes += _mass(body, joint, target, model, number)
-    notes += _actuators(root, parts, name, model)
+    given = GivenJoint.of(root, path, name)
+    model, number = given.model, given.number
+    parts = joint_parts(target, name, float(model.qpos0[model.jnt_qposadr[number]]))
+    found = _joint_attributes(given, parts, target)
+    found += _mass(given, target)
+    given.without_defaults(parts)
+    found += _actuators(given, parts)
+    _bodies(given, parts)
     for section, children in (("tendon", parts.tendons), ("actuator", parts.actuators), ("sensor", parts.sensors)):
-        if children:
-            child(root, section).extend(children)
+        if not children:
+            continue
+        there, names = child(root, section), {each.get("name") for each in children}
+        for old in [each for each in there if each.get("name") in names]:  # of an earlier export
+            there.remove(old)
+            found.append(f"{section} '{old.get('name')}' is replaced")
+        there.extend(children)
     if model.opt.timestep > step(target) * (1.0 + SMALL):
         best = integrator(target)
-        notes.append(
+        found.append(
             f"option timestep: {model.opt.timestep:g} s; this joint needs {step(target):.3g} s, best with {best}"
         )
     if has_memory(target) and model.opt.integrator == int(mujoco.mjtIntegrator.mjINT_RK4):
-        notes.append("option integrator: RK4 holds bristles and slipping springs over its stages; take Euler")
-    return notes
+        found.append("option integrator: RK4 holds bristles and slipping springs over its stages; take Euler")
+    return found
 
 
-def _find(root: Element, name: str, model: Any) -> tuple[Element, Element]:
-    found = [(body, joint) for body in root.iter("body") for joint in body if joint.get("name") == name]
-    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
-    if number < 0:
-        names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, i) for i in range(model.njnt)]
-        raise ParameterError(f"the model has no joint '{name}'; there are: {', '.join(map(str, names)) or 'none'}")
-    if not found:
-        raise ParameterError(f"joint '{name}' is in an included file: give that file, or the model saved as one file")
-    if int(model.jnt_type[number]) not in (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)):
-        raise ParameterError(f"joint '{name}' is neither a hinge nor a slide")
-    return found[0]
+def _bodies(given: GivenJoint, parts: Parts) -> None:
+    """Sites in the joint's body, and motors beside it, in frames whose z is the joint's axis."""
+    model, number = given.model, given.number
+    turn = np.zeros(4)
+    mujoco.mju_quatZ2Vec(turn, model.jnt_axis[number])
+    if parts.in_link:
+        given.body.append(element("frame", *parts.in_link, pos=model.jnt_pos[number], quat=turn))
+    if not parts.bodies:
+        return
+    _needs_inertials(given)
+    for body in parts.bodies:
+        for joint in body.iter("joint"):
+            given.state_angles_in_its_unit(joint)
+    at, own, index = np.zeros(3), np.zeros(4), int(model.jnt_bodyid[number])
+    mujoco.mju_rotVecQuat(at, model.jnt_pos[number], model.body_quat[index])
+    mujoco.mju_mulQuat(own, model.body_quat[index], turn)
+    given.parent.append(element("frame", *parts.bodies, pos=model.body_pos[index] + at, quat=own))
 
 
-def _in_degrees(root: Element) -> bool:
-    angles = [each.get("angle") for each in root.iter("compiler") if each.get("angle")]
-    return (angles[-1] if angles else "degree") == "degree"
+def _needs_inertials(given: GivenJoint) -> None:
+    if given.takes_inertia_from_geoms:
+        raise ParameterError("inertias come from geoms (inertiafromgeom): no new body can state its own; use 'auto'")
 
 
-def _joint_attributes(joint: Element, parts: Parts, target: Target, in_degrees: bool, given: Array | None) -> list[str]:
-    """Set friction, encoder offset and wall; numbers of angles in the unit of the file.
-
-    given  (2,) [rad] range of the joint in the model; None: not limited
-    """
-    unit = 180.0 / pi if in_degrees else 1.0
+def _joint_attributes(given: GivenJoint, parts: Parts, target: Target) -> list[str]:
+    """Set friction, spring, encoder offset and wall."""
+    model, joint, number = given.model, given.joint, given.number
     wanted = {key: value for key, value in parts.joint.items() if key not in ("name", "type", "axis")}
-    for key, neutral in (("damping", "0"), ("frictionloss", "0")):
-        wanted.setdefault(key, neutral)
-    notes = []
+    for key in ("damping", "frictionloss"):
+        wanted.setdefault(key, 0.0)
+    if np.any(given.spec.joint(given.name).springdamper):  # it would replace the damping
+        wanted = {"stiffness": float(model.jnt_stiffness[number])} | wanted | {"springdamper": (0.0, 0.0)}
+    ends = model.jnt_range[number] if model.jnt_limited[number] else None
     offset = target.of_axis(P.encoder_offset, LINK)
-    if offset == 0.0 and joint.get("ref") is None:
+    if offset == 0.0:
         wanted.pop("ref")
-    if offset and given is not None:
-        notes.append(
-            f"joint range and ref are shifted by the encoder offset of {offset:.6g} rad; shift keyframes likewise"
+    found = []
+    if offset and ends is not None:
+        found.append(
+            f"joint range and ref are shifted by the encoder offset of {offset:.6g} "
+            f"{'m' if given.slides else 'rad'}; shift keyframes likewise"
         )
-        wanted.setdefault("range", (given + offset).tolist())
-    if given is not None and target.row[P.contact_stiffness] > 0.0:
+        wanted.setdefault("range", (ends + offset).tolist())
+    if ends is not None and target.row[P.contact_stiffness] > 0.0:
         above = target.row[P.contact_side] > 0.0
         wall = float(target.row[P.contact_angle])
-        ends = (float(given[0]), wall) if above else (wall, float(given[1]))
-        wanted["range"] = (ends[0] + offset, ends[1] + offset)
-        notes.append(
+        wanted["range"] = np.add((ends[0], wall) if above else (wall, ends[1]), offset).tolist()
+        found.append(
             f"the {'upper' if above else 'lower'} end of the joint's range is replaced by the wall; the other end "
             "becomes as soft as the wall"
         )
-    for key, value in wanted.items():
-        if key in ("ref", "range", "springref"):
-            value = np.asarray(value, dtype=float) * unit
-            value = value.tolist() if value.ndim else float(value)
-        joint.set(key, text(value))  # type: ignore[arg-type]
-    return notes
+    linear = {"damping": model.dof_damping[given.dof], "frictionloss": model.dof_frictionloss[given.dof]}
+    linear["stiffness"] = model.jnt_stiffness[number]
+    found += notes.replaced(
+        {key: (float(old), float(text(wanted[key]).split()[0])) for key, old in linear.items() if key in wanted}
+    )
+    changed = element("joint", **wanted)
+    if given.slides:
+        changed.set("type", "slide")
+    given.state_angles_in_its_unit(changed)
+    changed.attrib.pop("type", None)
+    for key, poly in POLYNOMIALS.items():  # a shorter polynomial would keep the terms of its class
+        of = given.dof if key == "damping" else number
+        if key in changed.attrib and np.any(getattr(model, poly)[of]):
+            changed.set(key, " ".join([*changed.attrib[key].split(), "0", "0"][:3]))
+    joint.attrib.update(changed.attrib)
+    return found
 
 
-def _frame_quaternion(axis: Array) -> Array:
-    """Quaternion of a frame whose z is the axis."""
-    turn = np.zeros(4)
-    mujoco.mju_quatZ2Vec(turn, axis)
-    return turn
-
-
-def _mass(body: Element, joint: Element, target: Target, model: Any, number: int) -> list[str]:
+def _mass(given: GivenJoint, target: Target) -> list[str]:
     """Payloads as bodies in the direction of the weight; other changes of inertia as armature."""
-    direction = _weight_direction(model, number)
-    for point in payloads.payloads_of(target.effects, str(joint.get("name")), direction):
-        body.append(point.body(model.jnt_pos[number]))
-    inertia, gravity = payloads.moments(target.effects)
-    notes = []
-    change = target.inertia - float(target.nominal[P.inertia + LINK]) - inertia
+    model, number = given.model, given.number
+    change, found = notes.inertia_added(target, target.inertia), []
+    if given.slides:
+        change += payloads.moments(target.effects)[0]
+        found += notes.sliding_payload(target)
+    elif points := payloads.payloads_of(target.effects, given.name, _weight_direction(model, number)):
+        _needs_inertials(given)
+        given.body.extend(point.body(model.jnt_pos[number]) for point in points)
     if abs(change) > SMALL * target.inertia:
-        armature = float(model.dof_armature[model.jnt_dofadr[number]]) + change
-        joint.set("armature", text(max(armature, 0.0)))
+        armature = float(model.dof_armature[given.dof]) + change
+        given.joint.set("armature", text(max(armature, 0.0)))
         if armature < 0.0:
-            notes.append(
-                f"inertia about the joint: lower that of the body by {-armature:.6g} kg m^2; armature ends at 0"
-            )
-    before, after = (float(row[P.gravity_torque]) for row in (target.nominal, target.row))
-    weight = np.copysign(1.0, before) * (after - before) - gravity * (target.nominal[P.gravity] != 0.0)
-    if abs(weight) > ROUNDED * max(target.gravity_torque, 1e-3):
-        notes.append(
-            f"gravity torque: change mass times distance of the centre of the body by {weight / GRAVITY:.6g} kg m"
-        )
-    turned = float(target.row[P.gravity_angle] - target.nominal[P.gravity_angle])
-    if turned:
-        notes.append(f"gravity angle: turn the centre of mass of the body by {-turned:.6g} rad about the joint")
-    return notes
+            unit = "kg" if given.slides else "kg m^2"
+            found.append(f"inertia about the joint: lower that of the body by {-armature:.6g} {unit}; armature is 0")
+    return found + notes.weight(target, "the body")
 
 
 def _weight_direction(model: Any, number: int) -> Array:
@@ -162,38 +156,63 @@ def _weight_direction(model: Any, number: int) -> Array:
     return payloads.across(centre, model.jnt_axis[number])
 
 
-def _actuators(root: Element, parts: Parts, name: str, model: Any) -> list[str]:
+def _actuators(given: GivenJoint, parts: Parts) -> list[str]:
     """Remove present actuators of the joint; the new drive of a rigid joint takes the place of the first.
 
-    It keeps the name and the limits of the actuator that it replaces.
+    It keeps the name and the limits of the actuator that it replaces. Raises ParameterError if there are others, in an
+    included file.
     """
-    notes = []
+    name, model, present = given.name, given.model, _compiled_actuators(given)
+    old = [
+        (section, each)
+        for section in given.root.findall("actuator")
+        for each in section
+        if name in [each.get(key) for key in TARGETS]
+    ]
+    if len(old) < len(present):
+        raise ParameterError(f"an actuator of joint '{name}' is in an included file, where it would stay: {WHOLE}")
     drive = next((each for each in parts.actuators if each.get("name") == f"{name}_drive"), None)
-    present = _compiled_actuators(model, name)
-    for section in root.findall("actuator"):
-        for at, old in enumerate(list(section)):
-            if name not in [old.get(key) for key in TARGETS]:
-                continue
-            section.remove(old)
-            label = old.get("name") or "without a name"
-            if drive is not None and drive in parts.actuators:
-                parts.actuators.remove(drive)
-                if old.get("name"):
-                    drive.set("name", str(old.get("name")))
-                _keep_limits(drive, model, present[0])
-                section.insert(at, drive)
-                notes.append(f"actuator '{label}' is replaced by that of the device")
-            else:
-                notes.append(f"actuator '{label}' of the joint is removed")
-    return notes
+    found = []
+    for section, each in old:
+        at, label = list(section).index(each), each.get("name") or "without a name"
+        section.remove(each)
+        if drive is not None and drive in parts.actuators:
+            parts.actuators.remove(drive)
+            if each.get("name"):
+                drive.set("name", str(each.get("name")))
+            _keep_limits(drive, model, present[0])
+            section.insert(at, drive)
+            control = _controls(drive, given, present[0])
+            found.append(f"actuator '{label}' is replaced by that of the device; {control}")
+        else:
+            found.append(f"actuator '{label}' of the joint is removed")
+    return found
 
 
-def _compiled_actuators(model: Any, name: str) -> list[int]:
-    """Numbers of the actuators of a joint, in the order of the file."""
-    joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+def _compiled_actuators(given: GivenJoint) -> list[int]:
+    """Numbers of the actuators of the joint, in the order of the file."""
+    model = given.model
     kinds = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
-    on = np.isin(model.actuator_trntype, kinds) & (model.actuator_trnid[:, 0] == joint)
+    on = np.isin(model.actuator_trntype, kinds) & (model.actuator_trnid[:, 0] == given.number)
     return [int(each) for each in np.flatnonzero(on)]
+
+
+def _by_position(model: Any, actuator: int) -> bool:
+    return int(model.actuator_biastype[actuator]) != int(mujoco.mjtBias.mjBIAS_NONE)
+
+
+def _controls(drive: Element, given: GivenJoint, old: int) -> str:
+    """What the control of the new drive is, and what a control of 1 was before."""
+    model = given.model
+    gear, gain = float(model.actuator_gear[old, 0]), float(model.actuator_gainprm[old, 0])
+    torque, position = ("force in N", "position in m") if given.slides else ("torque in N m", "angle in rad")
+    now = f"its control is now the {position if drive.get('input') == 'pos' else torque}"
+    if int(model.actuator_gaintype[old]) == int(mujoco.mjtGain.mjGAIN_FIXED):
+        if not _by_position(model, old):
+            return f"{now}; a control of 1 was {gear * gain:.6g} {torque.partition(' in ')[2]}"
+        if gear and model.actuator_biasprm[old, 1] == -gain:
+            return f"{now}; a control of 1 was {1.0 / gear:.6g} {position.partition(' in ')[2]}"
+    return f"{now}; the control of the old one was of another kind"
 
 
 def _keep_limits(drive: Element, model: Any, old: int) -> None:
@@ -204,9 +223,9 @@ def _keep_limits(drive: Element, model: Any, old: int) -> None:
     gear, gain = float(model.actuator_gear[old, 0]), float(model.actuator_gainprm[old, 0])
     by_position = drive.get("input") == "pos"
     per_control = (1.0 / gear if gear else 0.0) if by_position else gear * gain
-    affine = int(model.actuator_biastype[old]) != int(mujoco.mjtBias.mjBIAS_NONE)
     control = int(model.actuator_ctrladr[old])
-    if model.actuator_ctrlnum[old] and model.actuator_ctrllimited[control] and affine == by_position:
+    limits = model.actuator_ctrlnum[old] and model.actuator_ctrllimited[control]
+    if limits and _by_position(model, old) == by_position:
         _narrow(drive, "ctrl", model.actuator_ctrlrange[control] * per_control)
     if model.actuator_forcelimited[old]:
         _narrow(drive, "force", model.actuator_forcerange[old] * gear)

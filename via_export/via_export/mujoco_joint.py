@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from math import exp
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Any
 
 import mujoco
@@ -20,7 +19,8 @@ from via_core.signals import Array
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, M1, POWER, X
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
-from via_export.mjcf import ROUND, steps_late
+from via_export.mjcf_given import compiled
+from via_export.mjcf_timing import ROUND, steps_late
 from via_export.target import Target
 
 LOCKED = 1e6  # [kg m^2] armature of the joints of a given model that are not driven
@@ -29,18 +29,6 @@ QUEUE = 400  # ticks of commands before a run that a delay can need
 GROUP = 5  # of the drive of a position-controlled joint, which is disabled while the drive is off
 _JOINT, _ACTUATOR = mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_ACTUATOR
 _TENDON, _SENSOR = mujoco.mjtObj.mjOBJ_TENDON, mujoco.mjtObj.mjOBJ_SENSOR
-
-
-def _compiled(xml: str, folder: Path | None) -> Any:
-    try:
-        if folder is None:
-            return mujoco.MjModel.from_xml_string(xml)
-        with NamedTemporaryFile("w", suffix=".xml", dir=folder, encoding="utf-8") as file:
-            file.write(xml)
-            file.flush()
-            return mujoco.MjModel.from_xml_path(file.name)
-    except ValueError as error:
-        raise ParameterError(f"MuJoCo: {' '.join(str(error).split())}") from None
 
 
 class MujocoJoint:
@@ -57,7 +45,7 @@ class MujocoJoint:
     def __init__(
         self, xml: str, target: Target, link: str = "", rate: float = 1000.0, folder: Path | None = None
     ) -> None:
-        self.model = model = _compiled(xml, folder)
+        self.model = model = compiled(xml, folder)
         self.target = target
         self.names = (link or target.names[0], *target.names[1:])
         joints = [self._id(_JOINT, name) for name in self.names]
@@ -75,8 +63,7 @@ class MujocoJoint:
         spring = target.device.springs[0] if target.device.springs else None
         if target.device.arrangement == "serial" and isinstance(spring, Maccepa):
             self.scale[2] = spring.drum_radius
-        self.offsets = np.array([target.of_axis(P.encoder_offset, axis) for axis in range(len(self.names))])
-        self.offsets[self.scale != 1.0] = 0.0
+        self.offsets = self.scale * [target.of_axis(P.encoder_offset, axis) for axis in range(len(self.names))]
         self.positioned = target.row[P.link_drive] == POSITION_DRIVE
         drive = self._drive_of(LINK) if not target.device.n_motors else -1
         self._drive, self._damping = drive, float(model.actuator_damping[drive]) if self.positioned else 0.0

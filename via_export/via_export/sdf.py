@@ -14,13 +14,14 @@ from via_core.device_parts import ServoMotor
 from via_core.spring_equations import TWO_LEVER
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
-from via_export import payloads
+from via_export import notes, payloads
 from via_export.target import Target
-from via_export.xml import Element, document, element, leaf
+from via_export.xml import Element, child, document, element, leaf
 
 VERSION = "1.9"  # the elements below are those of 1.11; older parsers refuse newer versions
 MIDDLE = 0.5  # of the stop: deflection at which the stiffness of a nonlinear spring is taken
 ROUNDED = 1e-4  # relative change of an inertia that is not worth an edit by hand
+CONTROLLER = "gz::sim::systems::JointPositionController"
 WIDE = 1e16  # SDF's own value of a missing limit
 
 
@@ -33,12 +34,13 @@ def write(target: Target, comment: str = "") -> str:
         element("joint", leaf("parent", "world"), leaf("child", f"{name}_base"), name=f"{name}_fixed", type="fixed")
     ]
     if flexible:
-        links.append(element("link", _inertial(1.0, (0.0, 0.0, 0.0), _motor_inertia(target)), name=f"{name}_motor"))
+        inertial = _inertial(1.0, (0.0, 0.0, 0.0), _motor_inertia(target))
+        links.append(element("link", _turned(target, 1), inertial, name=f"{name}_motor"))
         joints.append(_joint(target, target.names[1], f"{name}_base", f"{name}_motor", _motor_axis(target)))
     links.append(_link(target))
     parent = f"{name}_motor" if flexible else f"{name}_base"
     joints.append(_joint(target, target.names[0], parent, f"{name}_link", _link_axis(target, flexible)))
-    model = element("model", *links, *joints, *_plugins(target), name=name)
+    model = element("model", *links, *joints, *_plugins(target, target.names[0]), name=name)
     return document(element("sdf", model, version=VERSION), comment, declaration=True)
 
 
@@ -52,12 +54,22 @@ def _axis_of(target: Target) -> tuple[float, float, float]:
 
 
 def _link(target: Target) -> Element:
-    """The link; an encoder offset turns it, so that the joint's angle is that of the encoder."""
     mass, distance, about = target.centre
     hang = target.gravity_angle
-    turn = [-target.of_axis(P.encoder_offset, LINK) * part for part in _axis_of(target)]
     inertial = _inertial(mass, (-distance * sin(hang), 0.0, -distance * cos(hang)), about)
-    return element("link", leaf("pose", (0.0, 0.0, 0.0, *turn)), inertial, name=f"{target.device.name}_link")
+    return element("link", _turned(target, LINK), inertial, name=f"{target.device.name}_link")
+
+
+def _turned(target: Target, axis: int) -> Element:
+    """Pose of a link, turned by the encoder offset, so that angles of joints are those of the encoders."""
+    turn = [-target.of_axis(P.encoder_offset, axis) * part for part in _axis_of(target)]
+    return leaf("pose", (0.0, 0.0, 0.0, *turn))
+
+
+def _offset(target: Target) -> float:
+    """[rad] added to the angle of the link's joint: with springs that is the deflection."""
+    of_motor = target.of_axis(P.encoder_offset, 1) if target.device.n_transmissions else 0.0
+    return target.of_axis(P.encoder_offset, LINK) - of_motor
 
 
 def _joint(target: Target, name: str, parent: str, child: str, axis: list[Element]) -> Element:
@@ -65,17 +77,18 @@ def _joint(target: Target, name: str, parent: str, child: str, axis: list[Elemen
     return element("joint", *parts, name=name, type="revolute")
 
 
-def _dynamics(damping: float, friction: float, reference: float = 0.0, stiffness: float = 0.0) -> Element:
-    return element(
-        "dynamics", leaf("damping", damping), leaf("friction", friction), leaf("spring_reference", reference),
-        leaf("spring_stiffness", stiffness),
-    )  # fmt: skip
+def _dynamics(damping: float, friction: float, spring: tuple[float, float] | None = (0.0, 0.0)) -> Element:
+    """spring: rest angle and stiffness; None: not written."""
+    parts = [leaf("damping", damping), leaf("friction", friction)]
+    if spring is not None:
+        parts += [leaf("spring_reference", spring[0]), leaf("spring_stiffness", spring[1])]
+    return element("dynamics", *parts)
 
 
 def _limit(target: Target, wall: bool, driven: bool) -> Element:
     """Range up to a wall, with its stiffness and damping; limits of the drive."""
     low, high = target.ends if wall else (-WIDE, WIDE)
-    offset = target.of_axis(P.encoder_offset, LINK)
+    offset = _offset(target)
     parts = [
         leaf("lower", low + offset if isfinite(low) else -WIDE),
         leaf("upper", high + offset if isfinite(high) else WIDE),
@@ -108,20 +121,21 @@ def _link_axis(target: Target, flexible: bool) -> list[Element]:
     damping = target.viscous(LINK) + float(device.damping_of(0.0))
     dry = target.dry(LINK)[1] + target.bristle(LINK)[0]
     if not flexible:
-        return [_dynamics(damping, dry, *_spring_to_base(target)), _limit(target, wall=True, driven=True)]
+        return [_dynamics(damping, dry, _spring_to_base(target) or (0.0, 0.0)), _limit(target, wall=True, driven=True)]
     stiffness, moment = 0.0, 0.0
     for i in range(device.n_transmissions):
         each = stiffness_of(target, i)
         shift = float(row[P.pretension_offset + i]) if row[P.serial] == 0.0 else 0.0
         stiffness, moment = stiffness + each, moment + each * shift
     damping += sum(float(row[P.spring_damping + i]) for i in range(device.n_transmissions))
-    return [_dynamics(damping, dry, moment / stiffness, stiffness), _limit(target, wall=True, driven=False)]
+    rest = moment / stiffness + _offset(target)
+    return [_dynamics(damping, dry, (rest, stiffness)), _limit(target, wall=True, driven=False)]
 
 
-def _spring_to_base(target: Target) -> tuple[float, float]:
-    """Rest angle [rad] as the encoder shows it, and stiffness [N m/rad], of a spring between link and base."""
+def _spring_to_base(target: Target) -> tuple[float, float] | None:
+    """Rest angle [rad] as the encoder shows it, and stiffness [N m/rad], of a spring between link and base, if any."""
     stiffness, rest = float(target.row[P.link_spring]), float(target.row[P.link_spring_rest])
-    return (rest + target.of_axis(P.encoder_offset, LINK), stiffness) if stiffness else (0.0, 0.0)
+    return (rest + target.of_axis(P.encoder_offset, LINK), stiffness) if stiffness else None
 
 
 def stiffness_of(target: Target, i: int) -> float:
@@ -134,18 +148,19 @@ def stiffness_of(target: Target, i: int) -> float:
     return float(target.row[P.spring_scale + i]) * float(spring.stiffness(deflection))
 
 
-def _plugins(target: Target) -> list[Element]:
-    """A position controller for a position drive or a servo."""
+def _plugins(target: Target, joint: str) -> list[Element]:
+    """A position controller for a position drive on a joint, or for the servo behind springs."""
     device, row = target.device, target.row
     if row[P.link_drive] == POSITION_DRIVE:
         gain = target.of_axis(P.torque_gain, LINK)
         p, d = gain * float(row[P.drive_stiffness]), float(row[P.drive_damping])
         limit, offset = target.effort, target.of_axis(P.torque_bias, LINK)
         integral = gain * target.integral_gain, gain * target.integral_limit
-        return [_controller(target.names[0], (p, d), limit, offset, integral)]
+        return [_controller(joint, (p, d), limit, offset, integral)]
     if device.motors and isinstance(device.motors[0], ServoMotor):
         w, inertia = target.of_axis(P.bandwidth, 0), _motor_inertia(target)
-        return [_controller(target.names[1], (inertia * w * w, 2.0 * inertia * w), float("inf"), 0.0)]
+        p, offset = inertia * w * w, target.of_axis(P.encoder_offset, 1)  # a servo follows the true angle
+        return [_controller(target.names[1], (p, 2.0 * inertia * w), inf, p * offset)]
     return []
 
 
@@ -165,8 +180,7 @@ def _controller(
     if isfinite(limit):
         parts += [leaf("cmd_max", limit), leaf("cmd_min", -limit)]
     return element(
-        "plugin", *parts, filename="gz-sim-joint-position-controller-system",
-        name="gz::sim::systems::JointPositionController",
+        "plugin", *parts, filename="gz-sim-joint-position-controller-system", name=CONTROLLER,
     )  # fmt: skip
 
 
@@ -181,29 +195,49 @@ def into(source: Element, target: Target, name: str) -> list[str]:
     if found is None:
         names = ", ".join(str(each.get("name")) for each in source.iter("joint") if each.find("axis") is not None)
         raise ValueError(f"no joint '{name}' with an axis; there are: {names or 'none'}")
-    axis = found.find("axis")
-    assert axis is not None
+    axis, slides = child(found, "axis"), found.get("type") == "prismatic"
     flexible = target.device.n_transmissions > 0
-    spring = (0.0, 0.0) if flexible else _spring_to_base(target)
-    for part in (_dynamics(target.rigid_viscous, target.rigid_dry[1], *spring), _limit(target, wall=True, driven=True)):
-        there = axis.find(part.tag)
-        if there is None:
-            axis.append(part)
-            continue
+    spring = None if flexible else _spring_to_base(target)
+    values: dict[str, tuple[float, float]] = {}
+    for part in (_dynamics(target.rigid_viscous, target.rigid_dry[1], spring), _limit(target, wall=True, driven=True)):
+        there = child(axis, part.tag)
         for value in part:
             old = there.find(value.tag)
-            keeps = part.tag == "limit" and value.tag in ("lower", "upper") and abs(float(value.text or 0.0)) == WIDE
+            number = float(value.text or 0.0)
             if old is None:
                 there.append(value)
-            elif not keeps:
+            elif part.tag != "limit" or value.tag not in ("lower", "upper") or abs(number) != WIDE:
+                values[f"{part.tag} {value.tag}"] = (float(old.text or 0.0), number)
                 old.text = value.text
-    notes = _add_payloads(source, found, target)
-    change = target.rigid_inertia - float(target.nominal[P.inertia + LINK]) - payloads.moments(target.effects)[0]
+    changed = notes.replaced(values)
+    below, unit = str(found.findtext("child", "")).strip(), "m" if slides else "rad"
+    if offset := target.of_axis(P.encoder_offset, LINK):
+        turn, about = ("move", "along") if slides else ("turn", "about")
+        changed.append(
+            f"encoder offset: {turn} link '{below}' and what follows it by {-offset:.6g} {unit} {about} the axis, "
+            f"and add {offset:.6g} {unit} to limits that the file states"
+        )
+    change = notes.inertia_added(target, target.rigid_inertia)
+    if slides:
+        change += payloads.moments(target.effects)[0]
+        changed += notes.sliding_payload(target)
+    else:
+        changed += _add_payloads(source, found, target)
     if abs(change) > ROUNDED * target.inertia:
-        notes.append(f"inertia about the axis: add {change:.6g} kg m^2 to the child link")
+        to_add = f"mass: add {change:.6g} kg" if slides else f"inertia about the axis: add {change:.6g} kg m^2"
+        changed.append(f"{to_add} to link '{below}'")
+    changed += notes.weight(target, f"link '{below}'")
     if flexible:
-        notes.append("the springs need a link of their own: take the whole model instead of --into")
-    return notes
+        changed.append("the springs need a link of their own: take the whole model instead of --into")
+        return changed
+    model = next(each for each in source.iter("model") if found in list(each))
+    for made in _plugins(target, name):
+        for old in model.findall("plugin"):
+            if old.get("name") == CONTROLLER and str(old.findtext("joint_name")).strip() == name:
+                model.remove(old)
+                changed.append(f"the position controller of joint '{name}' is replaced by that of the device")
+        model.append(made)
+    return changed
 
 
 def _add_payloads(source: Element, joint: Element, target: Target) -> list[str]:

@@ -149,7 +149,7 @@ DEVICE_ROWS = (
     ),
     row(
         "servo: ki", "position drive", _integrates,
-        mjcf="= pid ki, imax", sdf="= JointPositionController i_gain, i_max, i_min",
+        mjcf="= gainprm, dynprm of an actuator of gaintype pid", sdf="= JointPositionController i_gain, i_max, i_min",
         ros2_control="= pid_controller gain i, i_clamp_max, i_clamp_min",
         isaaclab=NO_INTEGRAL, bam=NO_INTEGRAL, urdf="- gains belong to the controller",
     ),

@@ -173,7 +173,7 @@ EFFECT_ROWS = (
     ),
     row(
         "torque_gain",
-        mjcf="= actuator gainprm; of a position drive kp, damping and forcerange",
+        mjcf="= actuator gainprm; of a position drive its gains and forcerange",
         urdf="~ limit/effort times gain | commands themselves are not scaled",
         sdf="~ limit/effort times gain; of a position drive p_gain and d_gain | torque commands are not scaled",
         isaaclab="~ effort_limit times gain; of a position drive stiffness, damping | torque commands are not scaled",
@@ -228,7 +228,7 @@ EFFECT_ROWS = (
     ),
     row(
         "integral_action",
-        mjcf="= pid ki, imax", sdf="= JointPositionController i_gain, i_max, i_min",
+        mjcf="= gainprm, dynprm of an actuator of gaintype pid", sdf="= JointPositionController i_gain, i_max, i_min",
         ros2_control="= pid_controller gain i, i_clamp_max, i_clamp_min",
         isaaclab=NO_INTEGRAL, bam=NO_INTEGRAL, urdf="- gains belong to the controller",
     ),
@@ -259,14 +259,15 @@ EFFECT_ROWS = (
     ),
     row(
         "speed_limit",
-        mjcf="= pid slewmax", isaaclab="~ velocity_limit | limits the joint and not its goal",
+        mjcf="= dynprm of an actuator of gaintype pid", isaaclab="~ velocity_limit | limits the joint and not its goal",
         bam="- the goal is reached at once", others="~ limit/velocity | limits the joint and not its goal",
         ros2_control="= joint_limits max_velocity of a position command",
     ),
     row(
         "encoder_offset",
         mjcf="= joint ref; coordinates of the model are those of the encoder",
-        urdf="~ joint origin | turns the link by the offset", sdf="~ pose of the link | turns the link by the offset",
+        urdf="~ joint origin | turns the link by the offset",
+        sdf="~ pose of the link; in a given model by hand | turns the link by the offset",
         isaaclab=READING, bam="= q_offset", ros2_control="= transmission joint/offset",
     ),
     row(
@@ -291,12 +292,14 @@ EFFECT_ROWS = (
     row(
         "link_inertia",
         mjcf="= inertial of the link; in a given model armature", isaaclab="= armature", bam="= armature",
-        others="= inertial of the link",
+        sdf="= inertial of the link; in a given model by hand", others="= inertial of the link",
     ),
     row(
         "gravity_error",
-        mjcf="= inertial of the link, its centre of mass", urdf="= inertial of the link, its origin",
-        sdf="= inertial of the link, its pose", isaaclab="- change the centre of mass in the USD file",
+        mjcf="= inertial of the link, its centre of mass; in a given model by hand",
+        urdf="= inertial of the link, its origin; in a given model by hand",
+        sdf="= inertial of the link, its pose; in a given model by hand",
+        isaaclab="- change the centre of mass in the USD file",
         bam="- change the mass of the test bench",
     ),
     row(

@@ -6,18 +6,21 @@ Source: URDF specification of ROS, elements link/inertial and joint/dynamics, jo
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import cos, isfinite, sin
 from pathlib import Path
 
 import numpy as np
+import pinocchio
+from via_core.signals import Array
 from via_sim.joint.parameters import LINK, P
 
-from via_export import payloads
+from via_export import notes, payloads
 from via_export.target import Target
-from via_export.xml import Element, document, element
+from via_export.xml import Element, child, document, element, text
 
 UNLIMITED = 1e9  # effort [N m] or velocity [rad/s] where none is known: URDF has no infinity
-ROUNDED = 1e-4  # relative change of a weight or inertia that is not worth an edit by hand
+SMALL = 1e-9  # relative change of a number that counts as none
 WIDE = 1e3  # [rad] position limit on the side without a wall
 WITH_GRAVITY = "0 -1 0"  # axis about which a link that hangs along -z turns
 UPRIGHT = "0 0 1"
@@ -87,48 +90,81 @@ def into(source: Element, target: Target, name: str, path: Path) -> list[str]:
     if found is None:
         names = ", ".join(str(each.get("name")) for each in source.iter("joint") if each.find("child") is not None)
         raise ValueError(f"no joint '{name}'; there are: {names or 'none'}")
+    offset = target.of_axis(P.encoder_offset, LINK)
     dynamics, limit = friction_and_limits(target)
-    _replace(found, "dynamics", dynamics.attrib)
-    given = found.find("limit")
-    kept = {} if given is None else dict(given.attrib)
+    changed = _edit(found, dynamics, dynamics.attrib)
+    if offset:
+        shift_zero(found, offset)
+        unit = "m" if _slides(found) else "rad"
+        changed.append(f"origin and limits of the joint are shifted by the encoder offset of {offset:.6g} {unit}")
     known = {"effort": target.effort, "velocity": target.speed, "lower": target.ends[0], "upper": target.ends[1]}
-    _replace(
-        found,
-        "limit",
-        kept | {key: limit.attrib[key] for key, value in known.items() if isfinite(value) or key not in kept},
-    )
-    return _add_mass(source, found, target, path)
+    kept = () if found.find("limit") is None else child(found, "limit").attrib
+    changed += _edit(found, limit, [key for key, value in known.items() if isfinite(value) or key not in kept])
+    return changed + _add_mass(source, found, target, path)
 
 
-def _replace(parent: Element, tag: str, attributes: dict[str, str]) -> None:
-    there = parent.find(tag)
-    if there is None:
-        there = element(tag)
-        parent.append(there)
-    there.attrib.clear()
-    there.attrib.update(attributes)
+def _slides(joint: Element) -> bool:
+    return joint.get("type") == "prismatic"
+
+
+def _edit(joint: Element, made: Element, keys: Iterable[str]) -> list[str]:
+    """Set attributes of `dynamics` or `limit`, and keep others. A note on numbers that are replaced."""
+    there = child(joint, made.tag)
+    values = {key: (float(there.get(key, "0")), float(made.attrib[key])) for key in keys}
+    there.attrib.update({key: made.attrib[key] for key in keys})
+    return notes.replaced({f"{made.tag} {key}": pair for key, pair in values.items()})
+
+
+def shift_zero(joint: Element, offset: float) -> None:
+    """Add an offset [rad, m] to the joint's coordinate: turn or move its origin back; its limits move along."""
+    axis = _axis(joint)
+    origin = child(joint, "origin")
+    turned = pinocchio.rpy.rpyToMatrix(vector(origin, "rpy"))
+    if _slides(joint):
+        origin.set("xyz", text(vector(origin, "xyz") - offset * turned @ axis))
+    else:
+        origin.set("rpy", text(pinocchio.rpy.matrixToRpy(turned @ pinocchio.exp3(-offset * axis))))
+    limit = joint.find("limit")
+    if limit is not None and joint.get("type") != "continuous":
+        for key in ("lower", "upper"):
+            limit.set(key, text(float(limit.get(key) or 0.0) + offset))
+
+
+def _axis(joint: Element) -> Array:
+    """Unit vector (3,) in the frame of the joint; x where none is stated."""
+    given = joint.find("axis")
+    axis = np.array([1.0, 0.0, 0.0]) if given is None else vector(given, "xyz")
+    return np.asarray(axis / np.linalg.norm(axis))
+
+
+def vector(found: Element, key: str) -> Array:
+    """Three numbers of an attribute; zeros without it."""
+    return np.array([float(each) for each in (found.get(key) or "0 0 0").split()])
 
 
 def _add_mass(source: Element, joint: Element, target: Target, path: Path) -> list[str]:
-    """Add payloads as links, and other changes of inertia to that of the joint's child, whose centre stays."""
-    inertia_added, gravity_added = payloads.moments(target.effects)
-    child = str(getattr(joint.find("child"), "attrib", {}).get("link"))
-    link = next(each for each in source.iter("link") if each.get("name") == child)
-    inertia = link.find("inertial/inertia")
-    change = target.rigid_inertia - float(target.nominal[P.inertia + LINK]) - inertia_added
-    notes = []
-    if inertia is not None:
-        for key in ("ixx", "iyy", "izz"):
-            inertia.set(key, f"{float(inertia.get(key, '0')) + change:.10g}")
-    elif abs(change) > ROUNDED * target.inertia:
-        notes.append(f"link '{child}' has no inertia: {change:.6g} kg m^2 about the joint's axis were not added")
-    if inertia_added:
-        axis = str(getattr(joint.find("axis"), "attrib", {}).get("xyz", "1 0 0"))
-        direction = payloads.hanging(path, str(joint.get("name")), np.array([float(each) for each in axis.split()]))
-        for point in payloads.payloads_of(target.effects, str(joint.get("name")), direction):
-            source.extend(point.urdf(child))
-    weight = target.gravity_torque - abs(float(target.nominal[P.gravity_torque]))
-    weight -= gravity_added * (float(target.nominal[P.gravity]) != 0.0)
-    if abs(weight) > ROUNDED * max(target.gravity_torque, 1e-3):
-        notes.append(f"change of the gravity torque by {weight:.6g} N m: move the centre of mass of link '{child}'")
-    return notes
+    """Add payloads as links, and other changes of inertia to that of the joint's child, whose centre stays.
+
+    What moves on a slide is a mass.
+    """
+    below = str(child(joint, "child").get("link"))
+    link = next(each for each in source.iter("link") if each.get("name") == below)
+    change = notes.inertia_added(target, target.rigid_inertia)
+    found = notes.sliding_payload(target) if _slides(joint) else []
+    if _slides(joint):
+        change += payloads.moments(target.effects)[0]
+        entries = [(link.find("inertial/mass"), "value")]
+    else:
+        entries = [(link.find("inertial/inertia"), key) for key in ("ixx", "iyy", "izz")]
+        if payloads.moments(target.effects)[0]:
+            direction = payloads.hanging(path, str(joint.get("name")), _axis(joint))
+            for point in payloads.payloads_of(target.effects, str(joint.get("name")), direction):
+                source.extend(point.urdf(below))
+    if abs(change) > SMALL * target.inertia:
+        for entry, key in entries:
+            if entry is None:
+                unit = "kg" if _slides(joint) else "kg m^2 about the joint's axis"
+                found.append(f"link '{below}' has no inertial: {change:.6g} {unit} were not added")
+                break
+            entry.set(key, f"{float(entry.get(key, '0')) + change:.10g}")
+    return found + notes.weight(target, f"link '{below}'")

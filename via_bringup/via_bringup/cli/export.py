@@ -12,6 +12,7 @@ from via_core.text_files import read_text, write_text
 from via_export import FORMATS, Check, Export, add_arm_cause
 from via_export import check as checked
 from via_export import export as exported
+from via_export.mjcf_given import note_on_place
 from via_gap.logs.log import read_logs
 from via_gap.report.report import GapReport, HeldOutInterval, read_report
 from via_gap.run.arm_cause import is_cause, read_cause
@@ -63,8 +64,9 @@ def export(
     _write(made, out)
     for loss in made.losses:
         answers.print(f"lost: {loss}", soft_wrap=True)
-    for note in made.notes:
-        answers.print(f"by hand: {note}", soft_wrap=True)
+    moved = note_on_place(out) if made.format == "mjcf" and into is not None and out is not None else []
+    for note in (*made.notes, *moved):
+        answers.print(f"note: {note}", soft_wrap=True)
     if check:
         _check(check, described, effects, report, into, joint)
 
