@@ -147,10 +147,12 @@ def _follows(q: Array, u: Array) -> bool:
 
     A small torque is near a small position as well, but the position changes much more than it.
     """
-    if len(q) < 2 or np.sqrt(np.mean((u - q) ** 2)) > np.std(q):
+    if len(q) < 2:
         return False
-    if np.std(u) == 0.0:  # one goal: the position ends at it
+    if np.ptp(u) == 0.0:  # one goal: the position ends at it
         return bool(u[0] != 0.0 and abs(np.mean(q[-max(len(q) // 10, 1) :]) - u[0]) <= ENDS * np.ptp(q))
+    if np.sqrt(np.mean((u - q) ** 2)) > np.std(q):
+        return False
     covariance = np.cov(q, u)
     slope = covariance[0, 1] / covariance[1, 1]
     return bool(SLOPES[0] <= slope <= SLOPES[1] and np.corrcoef(q, u)[0, 1] >= CORRELATION)

@@ -18,7 +18,7 @@ Origin = Literal["read", "measured", "guessed", "stated"]
 CAD, WITHOUT_ROTOR, FRICTION, GUESS = 0.05, 0.2, 0.3, 0.65
 TORQUE = 0.05  # of torques: constants of motors vary between copies by some percent, and fall as magnets warm
 LONGEST_DELAY = 0.1  # [s] that a device file can state
-NO_SINE = 0.02  # difference of a gravity from a sine, relative to its size, that is told
+NO_SINE = 0.02  # difference of a gravity from a sine, relative to its size, that gets a remark
 RATE = 500.0  # [Hz] where no recording shows one
 ORDER = ("inertia", "viscous_friction", "coulomb_friction", "gravity_torque", "gravity_angle", "kp", "kd",
          "torque_limit", "speed_limit", "delay", "rate", "link_quantum", "torque_noise")  # fmt: skip
@@ -161,11 +161,6 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
             f"the gravity of the joints that follow it is no {'constant' if description.linear else 'sine'}: the "
             f"stated one is wrong by up to {seen.gravity_error:.3g} {description.unit('gravity_torque')}"
         )
-    description.remarks += [
-        f"joint {each.name}, which it moves, has a spring of {each.stiffness:g} {'N m/rad' if each.kind == 'revolute' else 'N/m'}: taken as rigid, the "
-        "inertia is that at rest of the spring; describe a joint with a spring as `arrangement: flexible`"
-        for each in robot.sprung(joint.name)
-    ]
     _drive(description, joint)
     limits = [
         f"{what} {value:g} {unit}"
@@ -182,6 +177,16 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
             f"limits read: {', '.join(limits)}; a rigid joint with a torque drive has no entry for them"
         )
     description.remarks += [*robot.remarks, *joint.remarks]
+
+
+def rigid_springs(robot: Robot, joint: str) -> list[str]:
+    """Remarks on the springs in joints that a joint moves, which the description of it alone takes as rigid."""
+    units = {"revolute": "N m/rad", "prismatic": "N/m"}
+    return [
+        f"joint {each.name}, which it moves, has a spring of {each.stiffness:g} {units[each.kind]}: taken as rigid; "
+        "describe a drive with a spring behind it as `arrangement: flexible`"
+        for each in robot.sprung(joint)
+    ]
 
 
 def _pose(robot: Robot, joint: RobotJoint, at: Mapping[str, float]) -> str:

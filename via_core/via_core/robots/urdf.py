@@ -32,8 +32,9 @@ def read_urdf(path: Path, text: str, root: ElementTree.Element) -> Robot:
         _check_tree(root, children)
         for link in root.findall("link"):
             _check_inertial(link)
-        model, warnings = _built(_without_meshes(root))
+        model, warnings = _built(_bodies_only(root))
         joints = [_joint(elements[name], root) for name in model.names if name in elements and _moves(elements[name])]
+        followed = _with_followers(joints)
     except ParameterError as error:
         raise DeviceError(f"{path}: {error}") from None
     rotors = np.zeros(model.nv)
@@ -46,7 +47,7 @@ def read_urdf(path: Path, text: str, root: ElementTree.Element) -> Robot:
     bare = [name for name in light if name in children and _moves(children[name])]
     if bare:
         remarks.append(f"links {', '.join(bare)} state no <inertial>: taken as massless")
-    return Robot(str(root.get("name") or path.stem), str(path), model, _with_followers(joints), tuple(remarks))
+    return Robot(str(root.get("name") or path.stem), str(path), model, followed, tuple(remarks))
 
 
 def _link(joint: ElementTree.Element, end: str) -> str:
@@ -57,7 +58,8 @@ def _link(joint: ElementTree.Element, end: str) -> str:
 def _check_tree(root: ElementTree.Element, children: Mapping[str, ElementTree.Element]) -> None:
     """Raise ParameterError where the links are no tree."""
     for link in root.findall("link"):
-        at, passed = str(link.get("name")), []
+        at = str(link.get("name"))
+        passed: list[str] = []
         while at in children:
             if at in passed:
                 raise ParameterError(
@@ -139,11 +141,15 @@ def _with_followers(joints: Sequence[RobotJoint]) -> tuple[RobotJoint, ...]:
                 if joint.mimic in rooted
                 else f"follows joint {joint.mimic}, which does not move: taken as free"
             )
-        sums = {
-            key: _sum(getattr(joint, key), [(abs(e.multiplier) ** power, getattr(e, key)) for e in following])
-            for key, power in (("damping", 2), ("friction", 1), ("armature", 2))
-        }
-        made.append(replace(joint, remarks=(*remarks, *joint.remarks), **sums))
+        made.append(
+            replace(
+                joint,
+                damping=_sum(joint.damping, [(e.multiplier**2, e.damping) for e in following]),
+                friction=_sum(joint.friction, [(abs(e.multiplier), e.friction) for e in following]),
+                armature=_sum(joint.armature, [(e.multiplier**2, e.armature) for e in following]),
+                remarks=(*remarks, *joint.remarks),
+            )
+        )
     return tuple(made)
 
 
@@ -169,13 +175,16 @@ def _sum(own: float | None, others: Sequence[tuple[float, float | None]]) -> flo
     return sum(stated) if stated else None
 
 
-def _without_meshes(root: ElementTree.Element) -> str:
-    """The URDF without what only pictures and contacts need, so that missing meshes cannot matter."""
+def _bodies_only(root: ElementTree.Element) -> str:
+    """The URDF without what the bodies do not need, so that missing meshes and numbers read here cannot matter."""
     copied = ElementTree.fromstring(ElementTree.tostring(root))
     for link in copied.findall("link"):
         for tag in ("visual", "collision"):
             for each in link.findall(tag):
                 link.remove(each)
+    for joint in copied.findall("joint"):
+        for each in joint.findall("dynamics"):
+            joint.remove(each)
     for tag in ("gazebo", "transmission", "ros2_control", "material"):
         for each in copied.findall(tag):
             copied.remove(each)

@@ -15,7 +15,16 @@ from via_core.recordings.channels import joint_of
 from via_core.recordings.entries import Constants, entries_of, linear
 from via_core.recordings.guess import ColumnGuess, guess_columns
 from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
-from via_core.robots.description import GUESS, RATE, Description, Number, device_name, guess_gains, of_model
+from via_core.robots.description import (
+    GUESS,
+    RATE,
+    Description,
+    Number,
+    device_name,
+    guess_gains,
+    of_model,
+    rigid_springs,
+)
 
 from via_gap.logs.log import JointLog
 from via_gap.logs.survey import fit_gains, fit_joint, survey
@@ -49,8 +58,9 @@ def describe(
         joint = robot.joint(joint if joint or len(robot.joints) != 1 else robot.joints[0].name).name
     recorded = None if log is None else Recorded.of(log, robot)
     made = described(command, robot, joint, recorded, at, constants)
-    if robot is not None and recorded is not None:
-        made.remarks += _others(robot, joint, recorded)
+    if robot is not None:
+        made.remarks += rigid_springs(robot, joint)
+        made.remarks += [] if recorded is None else _others(robot, joint, recorded)
     return made
 
 
