@@ -92,6 +92,8 @@ def test_all_joints_of_a_model_come_from_one_recording(folder: Path) -> None:
         arm = arm_of_model(folder / model, folder / "arm.parquet")
         assert {each.tolerances.torque_scale for each in arm.devices} == {0.05}
         assert [device.name for device in arm.devices] == ["shoulder", "elbow"]
+        follows = "elbow: an arm includes inertia and friction of finger_joint, but not its gravity"
+        assert (follows in arm.remarks) == (model == "robot.urdf")
         q, v, a = np.random.default_rng(1).normal(size=(3, 20, 2))
         np.testing.assert_allclose(arm.torques(q, v, a), reference(q, v, a), rtol=1e-5, atol=1e-5)
         logs = read_arm_log(folder / "arm.parquet", arm)
@@ -110,6 +112,10 @@ def test_a_recording_of_several_joints_is_diagnosed_with_all_of_them(folder: Pat
         "device", "new", model, "--joint", "elbow", "--log", folder / "undriven.parquet", "--out", folder / "u.yaml"
     )
     assert "needs torque or current of shoulder" in done.output and "--arm" not in done.output
+    pandas.read_parquet(log).rename(columns={"tau_2": "ctrl_2"}).to_parquet(folder / "commands.parquet")
+    commands = ("--log", folder / "commands.parquet", "--out", folder / "commands.yaml")
+    done = via("device", "new", folder / "robot.xml", "--joint", "shoulder", *commands)
+    assert f"--arm {folder / 'robot.xml'}" in done.output  # the elbow's motor makes a torque of its command
 
 
 def test_the_weight_that_a_robot_compensates_is_no_torque_of_its_drives(folder: Path, tmp_path: Path) -> None:

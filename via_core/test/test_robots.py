@@ -229,6 +229,11 @@ def test_actuators_add_damping_and_rotor_through_their_gear(tmp_path: Path) -> N
     assert "damping 4.5 N m s/rad and rotor inertia 0.18 kg m^2: included" in described(robot, "a").text()
 
 
+def test_polynomial_damping_of_an_actuator_is_named(tmp_path: Path) -> None:
+    joint = mjcf(tmp_path, '<motor joint="a" damping="0.5 0.1"/>').joint("a")
+    assert "polynomial damping of its actuators: only the linear part is used" in joint.remarks
+
+
 def test_damping_of_a_position_actuator_without_kv_is_kd_beyond_the_torque_limit(tmp_path: Path) -> None:
     made = described(mjcf(tmp_path, '<position joint="a" kp="20" damping="0.8" forcerange="-3 3"/>'), "a")
     assert (made.numbers["kd"].value, made.limited, made.numbers["viscous_friction"].value) == (0.8, "proportional", 0)
@@ -375,6 +380,11 @@ def test_transmissions_are_named_wherever_they_are(tmp_path: Path) -> None:
             joint("a", "base", "f1", '<dynamics armature="1.2.3"/>') + joint("b", "f1", "f2", ""),
             "1",
             "joint 'a' states armature '1.2.3'",
+        ),
+        (
+            joint("a", "base", "f1", '<dynamics friction="-2"/>') + joint("b", "f1", "f2", ""),
+            "1",
+            "joint 'a' states friction -2; it must be 0 or more",
         ),
         (joint("a", "base", "f1", ""), "-1", "link 'f1': <inertial> states mass -1; it must be 0 or more"),
         (joint("a", "base", "f1", ""), "nan", "link 'f1': <inertial> states value 'nan', which is no finite number"),

@@ -38,6 +38,7 @@ class Actuator:
     delay: float  # [s]
     time_constant: float | None  # [s] of its activation; None: acts at once
     passive: tuple[float, float]  # damping [N m s/rad] and armature [kg m^2] that it adds to the joint
+    polynomial: bool  # whether that damping is nonlinear
 
 
 def actuators_of(model: Any, j: int) -> list[Actuator]:
@@ -95,6 +96,7 @@ def _actuator(model: Any, i: int) -> Actuator:
         float(model.actuator_delay[i]),
         None if int(model.actuator_dyntype[i]) == _AT_ONCE else float(model.actuator_dynprm[i, 0]),
         (float(model.actuator_damping[i]) * gear**2, float(model.actuator_armature[i]) * gear**2),
+        bool(np.any(model.actuator_dampingpoly[i])),
     )
 
 
@@ -137,6 +139,8 @@ def drive_of(model: Any, j: int) -> dict[str, Any]:
         remarks.append(
             f"its actuators add damping {passive[0]:.4g} N m s/rad and rotor inertia {passive[1]:.4g} kg m^2: included"
         )
+    if any(each.polynomial for each in found):
+        remarks.append("polynomial damping of its actuators: only the linear part is used")
     made["damping"] = float(model.dof_damping[dof] + passive[0])
     why = {
         "without input": "has no input",

@@ -211,6 +211,9 @@ def _joint(element: ElementTree.Element, root: ElementTree.Element) -> RobotJoin
         )
         if element.get("type") != "continuous" and element.find("limit") is not None:
             joint = replace(joint, low=number("limit", "lower") or 0.0, high=number("limit", "upper") or 0.0)
+        for key in ("damping", "friction", "armature"):
+            if (getattr(joint, key) or 0.0) < 0.0:
+                raise ParameterError(f"{key} {getattr(joint, key):g}; it must be 0 or more")
         mimic = element.find("mimic")
         if mimic is not None:
             multiplier, offset = number("mimic", "multiplier"), number("mimic", "offset")

@@ -117,6 +117,11 @@ def arm_of_model(model: Path, recording: Path, constants: Constants = NONE) -> A
     devices = tuple(parse_device(each.text(), each.joint) for each in found)
     reduced, lift = robot.reduced([each.name for each in joints])
     own = [f"{each.joint}: {text}" for each in found for text in each.remarks if text not in robot.remarks]
+    own += [
+        f"{each.mimic}: an arm includes inertia and friction of {each.name}, but not its gravity"
+        for joint in joints
+        for each in robot.following(joint.name)
+    ]
     order = np.array([reduced.joints[reduced.getJointId(each.name)].idx_v for each in joints], dtype=np.intp)
     reference = np.array([each.reference for each in joints])
     return Arm(robot.name, devices, reduced, order, reference, lift, (*robot.remarks, *own))

@@ -124,11 +124,11 @@ def described(
 def _others(robot: Robot, joint: str, recorded: Recorded) -> list[str]:
     """What to do about other joints of the recording: a diagnosis of all needs what drives each of them."""
     seen = {guess.joint for guess in recorded.guesses if guess.quantity == "position"}
-    gains = {each.name for each in robot.joints if each.kp is not None}
+    actuated = {each.name for each in robot.joints if each.kp is not None or each.drive == "torque"}
     driven = {
         guess.joint
         for guess in recorded.guesses
-        if guess.quantity in DRIVEN or (guess.quantity == "position command" and guess.joint in gains)
+        if guess.quantity in DRIVEN or (guess.quantity == "position command" and guess.joint in actuated)
     }
     others = [each.name for each in robot.joints if each.name in seen and each.name != joint]
     if not others:
