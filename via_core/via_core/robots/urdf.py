@@ -6,7 +6,6 @@ import math
 import os
 import re
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -111,7 +110,7 @@ def _standard_error() -> Iterator[list[str]]:
     sys.stderr.flush()
     kept = os.dup(2)
     try:
-        with tempfile.TemporaryFile() as file:
+        with os.fdopen(os.memfd_create("stderr"), "w+b") as file:
             os.dup2(file.fileno(), 2)
             try:
                 yield lines
