@@ -2,18 +2,20 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pandas
 import pytest
 from own_robot import FRICTION, moved, write_arm, write_robot, write_run
 from typer.testing import CliRunner, Result
 from via_bringup.cli import app
+from via_bringup.cli.gap_arm import diagnosed_arm
 from via_core.devices import load_device
 from via_gap import diagnose, frames
 from via_gap.logs.log import read_log
 from via_gap.report.report import read_report
-from via_gap.run.arm_model import arm_of_model
-from via_gap.run.arms import read_arm_log
+from via_gap.run.arm_model import arm_of_model, under
+from via_gap.run.arms import ArmDiagnosis, read_arm_log
 
 RUNNER = CliRunner()
 
@@ -90,6 +92,8 @@ def test_all_joints_of_a_model_come_from_one_recording(folder: Path) -> None:
         arm = arm_of_model(folder / model, folder / "arm.parquet")
         assert {each.tolerances.torque_scale for each in arm.devices} == {0.05}
         assert [device.name for device in arm.devices] == ["shoulder", "elbow"]
+        follows = "elbow: an arm includes inertia and friction of finger_joint, but not its gravity"
+        assert (follows in arm.remarks) == (model == "robot.urdf")
         q, v, a = np.random.default_rng(1).normal(size=(3, 20, 2))
         np.testing.assert_allclose(arm.torques(q, v, a), reference(q, v, a), rtol=1e-5, atol=1e-5)
         logs = read_arm_log(folder / "arm.parquet", arm)
@@ -108,6 +112,49 @@ def test_a_recording_of_several_joints_is_diagnosed_with_all_of_them(folder: Pat
         "device", "new", model, "--joint", "elbow", "--log", folder / "undriven.parquet", "--out", folder / "u.yaml"
     )
     assert "needs torque or current of shoulder" in done.output and "--arm" not in done.output
+    pandas.read_parquet(log).rename(columns={"tau_2": "ctrl_2"}).to_parquet(folder / "commands.parquet")
+    commands = ("--log", folder / "commands.parquet", "--out", folder / "commands.yaml")
+    done = via("device", "new", folder / "robot.xml", "--joint", "shoulder", *commands)
+    assert f"--arm {folder / 'robot.xml'}" in done.output  # the elbow's motor makes a torque of its command
+
+
+def test_the_weight_that_a_robot_compensates_is_no_torque_of_its_drives(folder: Path, tmp_path: Path) -> None:
+    """Inverse dynamics of MuJoCo, also under another gravity, and an elbow that keeps its inertia."""
+    text = (folder / "robot.xml").read_text().replace('<body name="fore"', '<body name="fore" gravcomp="0.7"')
+    (tmp_path / "defaults.xml").write_text((folder / "defaults.xml").read_text())
+    (tmp_path / "robot.xml").write_text(text)
+    write_arm(tmp_path / "arm.parquet")
+    arm = arm_of_model(tmp_path / "robot.xml", tmp_path / "arm.parquet")
+    spec = mujoco.MjSpec.from_string(text, {"defaults.xml": (folder / "defaults.xml").read_bytes()})
+    spec.delete(spec.mesh("upper"))
+    for geom in [each for each in spec.geoms if each.meshname]:
+        spec.delete(geom)
+    model = spec.compile()
+    model.dof_damping[:] = model.dof_frictionloss[:] = 0.0
+    rng = np.random.default_rng(2)
+    for gravity in ((0.0, 0.0, -9.81), (3.0, 0.0, -2.0)):
+        model.opt.gravity[:] = gravity
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:], data.qacc[:] = rng.normal(size=(3, 2))
+        q, v, a = (each[None].copy() for each in (data.qpos, data.qvel, data.qacc))
+        mujoco.mj_inverse(model, data)
+        np.testing.assert_allclose(under(arm, np.array(gravity)).torques(q, v, a)[0], data.qfrc_inverse, atol=1e-9)
+
+
+def test_a_diagnosis_of_an_arm_names_what_its_model_states_and_it_does_not_use(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    text = (
+        (folder / "robot.xml").read_text().replace('name="elbow" ', 'name="elbow" stiffness="3" springref="28.6479" ')
+    )
+    (tmp_path / "defaults.xml").write_text((folder / "defaults.xml").read_text())
+    (tmp_path / "robot.xml").write_text(text)
+    write_arm(tmp_path / "arm.parquet")
+    monkeypatch.setattr("via_gap.run.arms.diagnose_arm", lambda *each: ArmDiagnosis((), ()))
+    diagnosed_arm(str(tmp_path / "robot.xml"), [tmp_path / "arm.parquet"], [], (None, None), lambda *each: None)
+    said = capfd.readouterr().err
+    assert "note: elbow: stiffness 3 about 0.5: not used" in said
+    assert said.count("assets are left out") == 1 and "taken as rigid" not in said and "--arm" not in said
 
 
 def test_an_arm_with_goals_and_without_gains_is_refused_with_the_remedy(folder: Path, tmp_path: Path) -> None:

@@ -200,6 +200,7 @@ def test_states_of_a_trajectory_controller_give_goal_and_position(tmp_path: Path
     [("deg", pi / 180, "angle"), ("rpm", pi / 30, "speed"), ("mm", 1e-3, "angle"), ("in", 0.0254, "angle"),
      ("N", 1.0, "torque"),
      ("lbf", 4.4482216152605, "torque"), ("mNm", 1e-3, "torque"), ("kgf cm", 0.0980665, "torque"),
+     ("lbft", 1.3558179483314, "torque"),
      ("mA", 1e-3, "current"),
      ("lb", 0.45359237, ""), ("Hz", 1.0, ""), ("percent", 0.01, ""), ("degC", 274.15, ""), ("us", 1e-6, "time"),
      ("°/s", pi / 180, "speed")],
@@ -302,6 +303,52 @@ def test_a_command_far_from_the_position_is_a_torque() -> None:
         tables = {"": pandas.DataFrame({"time": TIME, "qpos": ANGLE, "ctrl": command})}
         entry, _ = entries_of(tables, guess_columns(tables), "").columns[channel]
         assert "measured" not in entry
+
+
+def test_a_small_command_is_no_goal() -> None:
+    """It is near a small position, but the position changes much more than it and does not follow it."""
+    for command, channel in (
+        (0.02 * np.cos(2.0 * TIME), "external_torque"),
+        (0.02 * ANGLE, "external_torque"),
+        (np.zeros(N), "external_torque"),
+        (0.8 * np.roll(ANGLE, -10) + 0.05, "equilibrium"),
+        (np.full(N, ANGLE[-1]), "equilibrium"),
+    ):
+        tables = {"": pandas.DataFrame({"time": TIME, "qpos": ANGLE, "u": command})}
+        assert channel in entries_of(tables, guess_columns(tables), "").columns
+
+
+def test_the_actuator_of_the_model_decides_what_a_command_is() -> None:
+    tables = {"": pandas.DataFrame({"time": TIME, "qpos": ANGLE, "ctrl": ANGLE + 0.05})}
+    torque = entries_of(tables, guess_columns(tables), "", Constants(drive="torque", gear=50.0)).columns
+    assert torque["external_torque"][0] == {"column": "ctrl", "scale": 50.0}
+    tables = {"": pandas.DataFrame({"time": TIME, "qpos": ANGLE, "ctrl": 0.5 * SPEED})}
+    assert "equilibrium" in entries_of(tables, guess_columns(tables), "", Constants(drive="position")).columns
+    tables = {"": pandas.DataFrame({"time": TIME, "qpos": ANGLE, "torque_cmd": TORQUE})}
+    named = entries_of(tables, guess_columns(tables), "", Constants(drive="torque", gear=50.0)).columns
+    assert "scale" not in named["external_torque"][0]
+
+
+@pytest.mark.parametrize("name", ["secnsec", "header", "zone", "matlab"])
+def test_stamps_of_ros_and_with_a_zone_are_times(tmp_path: Path, name: str) -> None:
+    nanoseconds = 1_700_000_000_998_000_000 + 4_000_000 * np.arange(N)
+    seconds, rest, path = nanoseconds // 10**9, nanoseconds % 10**9, tmp_path / "run.csv"
+    columns: dict[str, object] = {"sec": seconds, "nanosec": rest}
+    if name == "header":
+        columns = {"header.stamp.sec": seconds, "header.stamp.nanosec": rest}
+    if name == "zone":
+        columns = {"timestamp": [f"{each.isoformat()}+01:00" for each in pandas.to_datetime(nanoseconds)]}
+    if name == "matlab":
+        path = path.with_suffix(".mat")
+        savemat(path, {**columns, "q": ANGLE})
+    else:
+        pandas.DataFrame({**columns, "q": ANGLE}).to_csv(path, index=False)
+    (frame,) = read_tables(path).values()
+    found = guess_time(frame)
+    assert found is not None and found.unit == "ns" and found.rate == pytest.approx(250.0, rel=1e-3)
+    time = numbers(frame, found.column)
+    np.testing.assert_allclose(1e-9 * (time - time[0]), TIME, atol=1e-6)
+    assert list(frame.columns) == [found.column, "q"] or name == "matlab"
 
 
 def test_an_effort_is_measured_and_a_command_is_not() -> None:

@@ -12,6 +12,8 @@ from via_core.errors import ViaError
 from via_core.recordings.entries import Constants
 from via_gap.logs.log import JointLog
 
+from via_bringup.cli.console import errors
+
 if TYPE_CHECKING:
     from via_gap.run.arms import ArmCause, ArmDiagnosis
 
@@ -41,6 +43,8 @@ def diagnosed_arm(
     from via_gap.run.arms import diagnose_arm, find_arm, read_arm_log  # importing pinocchio takes a second
 
     whole = find_arm(arm, logs[0], Constants(*constants))
+    for remark in whole.remarks:
+        errors.print(f"note: {remark}", soft_wrap=True)
     read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
     return diagnose_arm(whole, read, held, progress)
 

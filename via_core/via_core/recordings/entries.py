@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -12,11 +12,16 @@ from via_core.errors import SignalError
 from via_core.recordings.guess import ColumnGuess, Quantity, guess_time, of_joint
 from via_core.recordings.tables import Tables, numbers
 from via_core.recordings.units import COUNTS, factor, is_linear
+from via_core.signals import Array
 
 CHANNELS: dict[Quantity, str] = {
     "position": "q", "velocity": "q_velocity", "torque": "tau_1", "current": "tau_1", "position command": "equilibrium",
     "torque command": "external_torque",
 }  # fmt: skip
+# Of a position on the goals that it follows: slope of the regression and correlation. Lag and a load lower both,
+# resonance raises the slope.
+SLOPES, CORRELATION = (0.4, 2.0), 0.6
+ENDS = 0.1  # distance of the last positions from a constant goal, relative to the range of the positions
 
 
 @dataclass(frozen=True)
@@ -26,6 +31,8 @@ class Constants:
     counts_per_turn: float | None = None
     torque_constant: float | None = None  # [N m/A] at the joint
     joint: str = ""  # name or number of the joint in the recording, where the model has another
+    drive: Literal["", "torque", "position"] = ""  # what commands of the model's actuator are; '': not known
+    gear: float = 1.0  # [N m] per command of a torque actuator
 
 
 @dataclass(frozen=True)
@@ -44,7 +51,7 @@ def entries_of(
     if "position" not in chosen:
         there = ", ".join(f"'{each.column}'" for each in guesses) or "none"
         raise SignalError(f"no column looks like a position; there are: {there}; name it under wire.columns as q")
-    found = _by_values(tables, chosen)
+    found = _by_values(tables, chosen, constants.drive)
     remarks, columns, explained = [], {}, set()
     time = guess_time(tables[chosen["position"].table], bag)
     if time is None:
@@ -62,6 +69,8 @@ def entries_of(
             entry["measured"] = True
         if bag:
             entry["topic"] = guess.table
+        if quantity == "torque command" and quantity not in chosen and constants.gear not in (0.0, 1.0):
+            entry["scale"] = constants.gear
         if guess.unit not in ("rad", "rad/s", "N m"):
             entry["unit"] = guess.unit
         if COUNTS.fullmatch(guess.unit):
@@ -103,26 +112,47 @@ def linear(entries: Entries) -> bool:
     return is_linear(str(entries.columns["q"][0].get("unit", "rad")))
 
 
-def _by_values(tables: Tables, chosen: Mapping[Quantity, ColumnGuess]) -> Mapping[Quantity, ColumnGuess]:
-    """A command whose name shows no quantity is a goal if it stays near the position, else a torque."""
+def _by_values(
+    tables: Tables, chosen: Mapping[Quantity, ColumnGuess], drive: Literal["", "torque", "position"]
+) -> Mapping[Quantity, ColumnGuess]:
+    """The columns, with a command whose name shows no quantity as what the model's actuator takes.
+
+    Without such a model it is a goal if the position follows it, else a torque.
+    """
     command, position = chosen.get("position command"), chosen["position"]
     if command is None or command.sure or command.table != position.table or "torque command" in chosen:
         return chosen
     if {"pos", "position", "angle", "q", "theta"} & set(command.column.lower().replace("_", " ").split()):
         return chosen
-    q, u = (numbers(tables[each.table], each.column) for each in (position, command))
-    both = np.isfinite(q) & np.isfinite(u)
-    scale = (
-        1.0
-        if COUNTS.fullmatch(command.unit) or COUNTS.fullmatch(position.unit)
-        else factor(command.unit) / factor(position.unit)
-    )
-    if np.sqrt(np.mean((scale * u[both] - q[both]) ** 2)) <= np.std(q[both]):
+    reason = "command of the model's torque actuator"
+    if not drive:
+        q, u = (numbers(tables[each.table], each.column) for each in (position, command))
+        counts = COUNTS.fullmatch(command.unit) or COUNTS.fullmatch(position.unit)
+        there = np.isfinite(q) & np.isfinite(u)
+        if _follows(q[there], u[there] * (1.0 if counts else factor(command.unit) / factor(position.unit))):
+            return chosen
+        reason = "a command that the position does not follow, taken as torque; check"
+    elif drive == "position":
         return chosen
-    reason = "a command far from the position, taken as torque; check"
     changed: dict[Quantity, ColumnGuess] = {
         **chosen,
         "torque command": replace(command, quantity="torque command", unit="N m", reason=reason),
     }
     del changed["position command"]
     return changed
+
+
+def _follows(q: Array, u: Array) -> bool:
+    """Whether positions (N,) follow goals (N,): they are near, and change with them by about as much.
+
+    A small torque is near a small position as well, but the position changes much more than it.
+    """
+    if len(q) < 2:
+        return False
+    if np.ptp(u) == 0.0:  # one goal: the position ends at it
+        return bool(u[0] != 0.0 and abs(np.mean(q[-max(len(q) // 10, 1) :]) - u[0]) <= ENDS * np.ptp(q))
+    if np.sqrt(np.mean((u - q) ** 2)) > np.std(q):
+        return False
+    covariance = np.cov(q, u)
+    slope = covariance[0, 1] / covariance[1, 1]
+    return bool(SLOPES[0] <= slope <= SLOPES[1] and np.corrcoef(q, u)[0, 1] >= CORRELATION)

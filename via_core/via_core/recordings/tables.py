@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 Tables = dict[str, "DataFrame"]
 WIDEST = 64  # numbers of a list in a cell, or columns of a matrix, that become columns
+NANOSECONDS = ("nanosec", "nanosecs", "nanoseconds", "nsec", "nsecs")
 BAGS = (".mcap", ".db3", ".active")
 TEXTS = (".csv", ".tsv", ".txt")
 JOINT_NAMES = ("name", "joint_names")  # members of messages that name the joints of the others
@@ -188,7 +189,7 @@ def _by_length(leaves: Iterator[tuple[str, NDArray[Any]]], path: Path) -> Tables
     if not tables:
         raise SignalError(f"{path}: holds no arrays of numbers")
     longest = sorted(tables, reverse=True)
-    return {"" if k == 0 else f"{n} rows": pandas.DataFrame(tables[n]) for k, n in enumerate(longest)}
+    return {"" if k == 0 else f"{n} rows": pandas.DataFrame(_with_stamps(tables[n])) for k, n in enumerate(longest)}
 
 
 def expanded(frame: DataFrame) -> DataFrame:
@@ -199,14 +200,33 @@ def expanded(frame: DataFrame) -> DataFrame:
     for at, name in enumerate(frame.columns):
         values = frame.iloc[:, at]
         first = next((each for each in values if each is not None and each is not np.nan), None)
-        if values.dtype.kind == "M":  # dates: [ns]
-            values = values.astype("datetime64[ns]").astype("int64")
+        if values.dtype.kind == "M":  # dates, of any zone: [ns]
+            values = pandas.to_datetime(values, utc=True).dt.tz_localize(None).astype("datetime64[ns]").astype("int64")
         lists = _cells(values) if _is_list(first) else None
         if lists is None:
             made[str(name) if str(name) not in made else f"{name}#{at}"] = values
         else:
             made |= {f"{name}[{k}]": column for k, column in enumerate(lists.T)}
-    return pandas.DataFrame(made)
+    return pandas.DataFrame(_with_stamps(made))
+
+
+def _with_stamps(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns; whole seconds and the nanoseconds beyond them, as in ROS stamps, become one: `stamp_ns`."""
+    made = dict(columns)
+    for name in columns:
+        match = re.fullmatch(r"(.*?)(?:sec|secs|seconds)", name)
+        rest = next((match[1] + each for each in NANOSECONDS if match[1] + each in columns), "") if match else ""
+        if match is None or not rest or not _whole(columns[name], np.inf) or not _whole(columns[rest], 1e9):
+            continue
+        seconds, beyond = (np.asarray(made.pop(each), dtype=np.float64) for each in (name, rest))
+        made = {f"{match[1].rstrip('._') or 'stamp'}_ns": 1e9 * seconds + beyond, **made}
+    return made
+
+
+def _whole(values: Any, end: float) -> bool:
+    """Whether values are whole numbers from 0 to below `end`."""
+    array = np.asarray(values)
+    return array.dtype.kind in "iuf" and bool(np.all((array >= 0) & (array < end) & (array == np.rint(array))))
 
 
 def _is_list(cell: object) -> bool:

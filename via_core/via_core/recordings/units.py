@@ -15,12 +15,14 @@ from via_core.errors import ParameterError
 COUNTS = re.compile(r"(?:count|tick|step)s?(?P<rate>/s)?", re.IGNORECASE)
 # Spellings in logs that pint lacks or takes for something else.
 SPELLED = {
-    "-": "dimensionless", "": "dimensionless", "%": "percent", "Nm": "N m", "Nmm": "N mm", "mNm": "mN m",
-    "kNm": "kN m", "Ncm": "N cm", "in": "inch", "lb": "pound", "lbf in": "pound_force inch", "inlb": "pound_force inch",
-    "in lb": "pound_force inch", "ft lb": "pound_force foot", "ftlb": "pound_force foot", "rev": "turn",
-    "revs": "turn", "sec": "s", "secs": "s", "usec": "us", "msec": "ms", "nsec": "ns", "degs": "deg", "°": "deg",
-    "rads": "rad", "rps": "turn/s", "dps": "deg/s",
-    "degps": "deg/s", "radps": "rad/s", "mmps": "mm/s", "kgf cm": "kilogram_force cm", "oz in": "force_ounce inch",
+    "-": "dimensionless", "": "dimensionless", "%": "percent", "Nm": "N m", "Nmm": "N mm", "mNm": "mN m", "kNm": "kN m",
+    "Ncm": "N cm", "in": "inch", "lb": "pound", "lbf in": "pound_force inch", "inlb": "pound_force inch",
+    "in lb": "pound_force inch", "ft lb": "pound_force foot", "ftlb": "pound_force foot", "lbft": "pound_force foot",
+    "lb ft": "pound_force foot", "lbfft": "pound_force foot", "lbin": "pound_force inch", "lb in": "pound_force inch",
+    "lbfin": "pound_force inch", "ozin": "force_ounce inch", "kgcm": "kilogram_force cm", "kgfcm": "kilogram_force cm",
+    "kgfm": "kilogram_force m", "rev": "turn", "revs": "turn", "sec": "s", "secs": "s", "usec": "us", "msec": "ms",
+    "nsec": "ns", "degs": "deg", "°": "deg", "rads": "rad", "rps": "turn/s", "dps": "deg/s", "degps": "deg/s",
+    "radps": "rad/s", "mmps": "mm/s", "kgf cm": "kilogram_force cm", "oz in": "force_ounce inch",
 }  # fmt: skip
 FORCE = "[length] * [mass] / [time] ** 2"
 DIMENSIONS = {  # of joints that slide, and of what has no rad

@@ -17,6 +17,8 @@ Origin = Literal["read", "measured", "guessed", "stated"]
 # measured, and changes with load and temperature; guesses are known to a factor of about two.
 CAD, WITHOUT_ROTOR, FRICTION, GUESS = 0.05, 0.2, 0.3, 0.65
 TORQUE = 0.05  # of torques: constants of motors vary between copies by some percent, and fall as magnets warm
+LONGEST_DELAY = 0.1  # [s] that a device file can state
+NO_SINE = 0.02  # difference of a gravity from a sine, relative to its size, that gets a remark
 RATE = 500.0  # [Hz] where no recording shows one
 ORDER = ("inertia", "viscous_friction", "coulomb_friction", "gravity_torque", "gravity_angle", "kp", "kd",
          "torque_limit", "speed_limit", "delay", "rate", "link_quantum", "torque_noise")  # fmt: skip
@@ -56,7 +58,7 @@ class Description:
     joint: str  # in messages and models
     command: str  # that writes the file
     drive: Literal["torque", "position"] = "torque"
-    limited: str = ""  # of a position drive: what its torque limit limits, if not the proportional part
+    limited: Literal["sum", "proportional"] = "proportional"  # what the torque limit of a position drive limits
     linear: bool = False
     confidence: str = "assumed"
     sources: list[str] = field(default_factory=list)
@@ -94,8 +96,8 @@ class Description:
             if inside:
                 out.append(f"{part}:")
                 out += [self._line(each) for each in inside]
-                if part == "servo" and "torque_limit" in inside and self.limited:
-                    out.append(f"  limited: {self.limited}  # read: the actuator's limit includes its damping")
+                if part == "servo" and "torque_limit" in inside and self.limited == "sum":
+                    out.append("  limited: sum  # read: the actuator's limit includes its damping")
         tolerances: dict[str, float] = {}
         for name, number in self.numbers.items():
             if number.tolerance is not None and name in TOLERANCE and number.value != 0.0:
@@ -125,7 +127,7 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
     description.linear = joint.kind == "prismatic"
     description.sources.append(robot.file)
     description.confidence = "copied"
-    pose = ", ".join(f"{name} at {value:g}" for name, value in at.items()) or "all other joints at their zero"
+    pose = _pose(robot, joint, at)
     rotor = joint.armature or 0.0
     inertia = seen.inertia + rotor
     between = (
@@ -154,20 +156,12 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
             f"gravity acts along the axis with a constant {-seen.gravity_torque:.4g} N, which no entry can state: "
             f"write `offset: {-seen.gravity_torque:.4g}` to the column of the force"
         )
-    if joint.kp is not None:
-        description.drive = "position"
-        gear = "" if joint.gear == 1.0 else f", gear {joint.gear:g} squared included"
-        numbers["kp"] = Number(joint.kp, "read", f"of the position actuator{gear}", CAD)
-        numbers["kd"] = Number(joint.kd or 0.0, "read", f"kv of the position actuator{gear}", CAD)
-        if joint.gear != 1.0:
-            description.remarks.append(
-                f"its actuator has gear {joint.gear:g}: goals in its units need `scale: {1 / joint.gear:g}`"
-            )
-        if joint.effort:
-            numbers["torque_limit"] = Number(joint.effort, "read", "force range of the actuator", CAD)
-            description.limited = "sum"
-        if joint.delay:
-            numbers["delay"] = Number(min(joint.delay, 0.1), "read", "of the actuator")
+    if seen.gravity_error > NO_SINE * max(abs(seen.gravity_torque), 1e-6):
+        description.remarks.append(
+            f"the gravity of the joints that follow it is no {'constant' if description.linear else 'sine'}: the "
+            f"stated one is wrong by up to {seen.gravity_error:.3g} {description.unit('gravity_torque')}"
+        )
+    _drive(description, joint)
     limits = [
         f"{what} {value:g} {unit}"
         for what, value, unit in (
@@ -183,6 +177,69 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
             f"limits read: {', '.join(limits)}; a rigid joint with a torque drive has no entry for them"
         )
     description.remarks += [*robot.remarks, *joint.remarks]
+
+
+def rigid_springs(robot: Robot, joint: str) -> list[str]:
+    """Remarks on the springs in joints that a joint moves, which the description of it alone takes as rigid."""
+    units = {"revolute": "N m/rad", "prismatic": "N/m"}
+    return [
+        f"joint {each.name}, which it moves, has a spring of {each.stiffness:g} {units[each.kind]}: taken as rigid; "
+        "describe a drive with a spring behind it as `arrangement: flexible`"
+        for each in robot.sprung(joint)
+    ]
+
+
+def _pose(robot: Robot, joint: RobotJoint, at: Mapping[str, float]) -> str:
+    """The pose of the other joints in words; the zero pose of a model's bodies can have joints at other angles."""
+    stated = [f"{name} at {value:g}" for name, value in at.items()]
+    drawn = [
+        f"{each.name} at {each.reference:.4g}"
+        for each in robot.joints
+        if each.reference and each.name not in (joint.name, *at)
+    ]
+    rest = f"{'the' if stated else 'all'} other joints at their zero"
+    if drawn:
+        rest = f"{'the' if stated else 'all'} other joints as the model draws them ({', '.join(drawn)}, else 0)"
+    return ", ".join([*stated, rest])
+
+
+def _drive(description: Description, joint: RobotJoint) -> None:
+    """The drive of a joint: gains and limits of a position drive, and remarks on units of commands and on bias."""
+    numbers, unit = description.numbers, description.unit("torque_limit")
+    if joint.kp is not None:
+        description.drive, description.limited = "position", joint.limited
+        gear = "" if joint.gear == 1.0 else f", gear {joint.gear:g} squared included"
+        numbers["kp"] = Number(joint.kp, "read", f"of the position actuator{gear}", CAD)
+        numbers["kd"] = Number(joint.kd or 0.0, "read", f"kv or damping of its actuators{gear}", CAD)
+        if joint.gear != 1.0:
+            description.remarks.append(
+                f"its actuator has gear {joint.gear:g}: goals in its units need `scale: {1 / joint.gear:g}`"
+            )
+        if joint.effort:
+            numbers["torque_limit"] = Number(joint.effort, "read", "force range of the actuator", CAD)
+        if joint.delay:
+            beyond = joint.delay > LONGEST_DELAY
+            longest = f"longest that a device file can state; the actuator has {joint.delay:g} s"
+            numbers["delay"] = Number(
+                min(joint.delay, LONGEST_DELAY),
+                "guessed" if beyond else "read",
+                longest if beyond else "of the actuator",
+            )
+        where = f"`offset: {joint.bias / joint.kp:.4g}` to the column of goals"
+    else:
+        if joint.gear not in (0.0, 1.0):
+            description.remarks.append(
+                f"its actuator makes {joint.gear:g} {unit} of a command of 1 (gear times gain): torques in its units "
+                f"need `scale: {joint.gear:g}`"
+            )
+        if joint.delay:
+            description.remarks.append(
+                f"delay {joint.delay:g} s of its actuator: not used, a torque drive has no entry for it; an effects "
+                "file can have one, actuator_delay"
+            )
+        where = f"`offset: {joint.bias:.4g}` to the column of torques, or an effect torque_bias"
+    if joint.bias:
+        description.remarks.append(f"its actuator adds a constant {joint.bias:.4g} {unit}: not used; write {where}")
 
 
 def _friction(description: Description, name: str, value: float | None, word: str) -> None:

@@ -10,15 +10,12 @@ import numpy as np
 import pinocchio
 
 from via_core.errors import DeviceError
+from via_core.robots.actuators import drive_of, elsewhere
 from via_core.robots.models import Robot, RobotJoint
 
 # Members of these enumerations are not equal to the numbers in a model.
 _HINGE, _SLIDE, _BALL, _FREE = (
     int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("HINGE", "SLIDE", "BALL", "FREE")
-)
-_ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-_FIXED, _AFFINE, _AT_ONCE = (
-    int(each) for each in (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE, mujoco.mjtDyn.mjDYN_NONE)
 )
 
 
@@ -46,7 +43,35 @@ def read_mjcf(path: Path) -> Robot:
         remarks.append(f"{model.neq} equality constraints: not used")
     if model.ntendon:
         remarks.append(f"{model.ntendon} tendons, with their stiffness, damping and friction: not used")
-    return Robot(path.stem, str(path), _bodies(model), joints, tuple(remarks))
+    bodies, lift = _bodies(model)
+    rotors = bodies.armature.copy()
+    for each in joints:
+        rotors[bodies.joints[bodies.getJointId(each.name)].idx_v] = each.armature  # of its actuators as well
+    bodies.armature = rotors
+    return Robot(path.stem, str(path), bodies, joints, (*remarks, *_not_used(model)), lift)
+
+
+def _not_used(model: Any) -> list[str]:
+    """Remarks on what acts on the bodies and has no place in a device file."""
+    remarks = []
+    fixed = [joint_name(model, j) for j in range(model.njnt) if int(model.jnt_type[j]) in (_BALL, _FREE)]
+    if fixed:
+        remarks.append(f"joints {', '.join(fixed)} are free or ball joints: taken as fixed")
+    if others := elsewhere(model):
+        remarks.append(f"actuators {', '.join(others)} act on tendons, sites or bodies: not used")
+    if model.opt.density or model.opt.viscosity:
+        remarks.append(f"fluid of density {model.opt.density:g} and viscosity {model.opt.viscosity:g}: not used")
+    flags = {
+        "spring": "mjDSBL_SPRING", "damper": "mjDSBL_DAMPER", "frictionloss": "mjDSBL_FRICTIONLOSS",
+        "actuation": "mjDSBL_ACTUATION",
+    }  # fmt: skip
+    if off := [name for name, bit in flags.items() if _disabled(model, bit)]:
+        remarks.append(f"<flag> disables {', '.join(off)}: not used, the numbers are those of the enabled model")
+    return remarks
+
+
+def _disabled(model: Any, bit: str) -> bool:
+    return bool(model.opt.disableflags & int(getattr(mujoco.mjtDisableBit, bit)))
 
 
 def _drop_assets(spec: Any, reason: str) -> list[str]:
@@ -87,73 +112,30 @@ def _joint(model: Any, j: int) -> RobotJoint:
         )
     if np.any(model.dof_dampingpoly[dof]) or np.any(model.jnt_stiffnesspoly[j]):
         remarks.append("polynomial damping or stiffness: only the linear part is used")
-    drive = _drive(model, j)
-    effort = drive.pop("effort")
-    if model.jnt_actfrclimited[j]:
-        effort = min(effort or np.inf, float(np.abs(model.jnt_actfrcrange[j]).max()))
+    drive = drive_of(model, j)
+    if model.jnt_actgravcomp[j] and np.any(model.body_gravcomp):
+        remarks.append("its actuator's torque contains the compensation of gravity, which is not part of its command")
     return RobotJoint(
         joint_name(model, j),
         "prismatic" if model.jnt_type[j] == _SLIDE else "revolute",
         low=float(low),
         high=float(high),
-        effort=effort,
-        damping=float(model.dof_damping[dof]),
         friction=float(model.dof_frictionloss[dof]),
-        armature=float(model.dof_armature[dof]),
         reference=float(model.qpos0[model.jnt_qposadr[j]]),
+        stiffness=float(model.jnt_stiffness[j]),
         remarks=(*remarks, *drive.pop("remarks")),
         **drive,
     )
 
 
-def _drive(model: Any, j: int) -> dict[str, Any]:
-    """Torque limit and gains of the actuators of a joint, seen at the joint, and remarks on what is not used.
-
-    An actuator of gear g has length g q and acts with g times its force. With the gains of a position actuator,
-    force = kp (ctrl - g q) - kv g qd, so kp and kd at the joint are g^2 kp and g^2 kv, and a command is g q.
-    """
-    found: dict[str, Any] = {"effort": None, "remarks": []}
-    ours = [
-        i for i in range(model.nu)
-        if int(model.actuator_trntype[i]) in _ON_JOINT
-        and model.actuator_trnid[i, 0] == j
-    ]  # fmt: skip
-    if len(ours) > 1:
-        found["remarks"].append(f"{len(ours)} actuators: only the first is used")
-    for i in ours[:1]:
-        gear = float(model.actuator_gear[i, 0])
-        gain, bias = model.actuator_gainprm[i], model.actuator_biasprm[i]
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) or f"actuator {i}"
-        if model.actuator_forcelimited[i]:
-            found["effort"] = float(np.abs(model.actuator_forcerange[i]).max() * abs(gear))
-        simple = model.actuator_gaintype[i] == _FIXED
-        affine = model.actuator_biastype[i] == _AFFINE
-        if simple and affine and gain[0] > 0.0 and np.isclose(bias[1], -gain[0]):
-            found |= {"kp": float(gain[0] * gear**2), "kd": float(-bias[2] * gear**2), "gear": gear}
-            if bias[2] == 0.0 and model.actuator_dyntype[i] == _AT_ONCE:
-                found["remarks"].append(f"position actuator '{name}' has no kv: kd is 0")
-        elif simple and not affine:
-            found["gear"] = float(gear * gain[0])
-            if found["effort"] is None and model.actuator_ctrllimited[i]:
-                found["effort"] = float(np.abs(model.actuator_ctrlrange[i]).max() * abs(gear * gain[0]))
-        else:
-            found["remarks"].append(f"actuator '{name}' is neither a motor nor a position servo: not used")
-        if model.actuator_dyntype[i] != _AT_ONCE:
-            found["remarks"].append(
-                f"activation dynamics of actuator '{name}' (time constant {model.actuator_dynprm[i, 0]:g} s): not used"
-            )
-        if hasattr(model, "actuator_delay") and model.actuator_delay[i] > 0.0:
-            found["delay"] = float(model.actuator_delay[i])
-    return found
-
-
-def _bodies(model: Any) -> pinocchio.Model:
-    """The bodies in pinocchio; hinges and slides count their angle from qpos0.
+def _bodies(model: Any) -> tuple[pinocchio.Model, pinocchio.Model | None]:
+    """The bodies in pinocchio, and the masses whose weight `gravcomp` compensates; angles are counted from qpos0.
 
     A joint with anchor p in its body's frame moves the body about p: its frame lies at p, and the body at -p in it.
     """
     made = pinocchio.Model()
-    made.gravity.linear = np.array(model.opt.gravity)
+    made.gravity.linear = np.zeros(3) if _disabled(model, "mjDSBL_GRAVITY") else np.array(model.opt.gravity)
+    lifted = []
     placed = {0: (0, pinocchio.SE3.Identity())}  # body -> joint that carries it, and its placement there
     armature: dict[int, Any] = {}
     for b in range(1, model.nbody):
@@ -181,12 +163,22 @@ def _bodies(model: Any) -> pinocchio.Model:
         made.appendBodyToJoint(
             carrier, pinocchio.Inertia(float(model.body_mass[b]), np.array(model.body_ipos[b]), tensor), at
         )
+        if model.body_gravcomp[b]:
+            mass = float(model.body_mass[b] * model.body_gravcomp[b])
+            lifted.append((carrier, pinocchio.Inertia(mass, np.array(model.body_ipos[b]), np.zeros((3, 3))), at))
         placed[b] = carrier, at
     rotors = np.zeros(made.nv)
     for carrier, values in armature.items():
         rotors[made.joints[carrier].idx_v : made.joints[carrier].idx_v + len(values)] = values
     made.armature = rotors
-    return made
+    if not lifted:
+        return made, None
+    lift = made.copy()
+    for k in range(lift.njoints):
+        lift.inertias[k] = pinocchio.Inertia.Zero()
+    for each in lifted:
+        lift.appendBodyToJoint(*each)
+    return made, lift
 
 
 def _rotation(quaternion: Any) -> Any:

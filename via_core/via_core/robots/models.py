@@ -9,9 +9,8 @@ Meshes are never read. What a file states and a device file cannot hold becomes 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
@@ -24,6 +23,7 @@ from via_core.signals import Array
 from via_core.text_files import read_text
 
 POSES = 200  # random poses that show how far an inertia depends on the pose
+GRAVITY_ANGLES = 13  # angles of a joint at which its gravity is compared with a sine
 
 
 @dataclass(frozen=True)
@@ -42,19 +42,26 @@ class RobotJoint:
     reference: float = 0.0  # [rad] angle in the bodies' zero pose
     kp: float | None = None  # [N m/rad] of a position drive
     kd: float | None = None  # [N m s/rad]
-    gear: float = 1.0  # command of a drive per angle of the joint
+    limited: Literal["sum", "proportional"] = "sum"  # what `effort` limits: kp (goal - q) with or without kd qd
+    drive: Literal["", "torque", "position"] = ""  # what commands of its actuator are; '': not stated
+    gear: float = 1.0  # of a position drive: command per angle; of a torque drive: torque per command
+    bias: float = 0.0  # [N m] constant torque of the drive
     delay: float | None = None  # [s] of a drive
-    mimic: str = ""  # the joint that this one follows
+    stiffness: float = 0.0  # [N m/rad] of a spring in the joint
+    mimic: str = ""  # the joint that this one follows: angle = multiplier * its angle + offset
+    multiplier: float = 1.0
+    offset: float = 0.0  # [rad]
     remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class SeenAtJoint:
-    """Inertia and gravity of the rigid bodies about one joint while all other joints rest.
+    """Inertia and gravity of the rigid bodies about one joint while all others rest, but for those that follow it.
 
     inertia         [kg m^2] without the rotor; `lowest` and `highest` over the poses of the other joints
     gravity_torque  [N m] largest, on a joint at any of its angles; [N] constant, of a sliding joint
     gravity_angle   [rad] at which the link hangs at rest
+    gravity_error   [N m] largest difference of the gravity from a sine, or from a constant of a sliding joint
     """
 
     inertia: float
@@ -62,6 +69,7 @@ class SeenAtJoint:
     highest: float
     gravity_torque: float
     gravity_angle: float
+    gravity_error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +81,49 @@ class Robot:
     model: pinocchio.Model  # armature included
     joints: tuple[RobotJoint, ...]
     remarks: tuple[str, ...] = ()
+    lift: pinocchio.Model | None = None  # the same tree with the masses whose weight the robot compensates
 
-    def reduced(self, names: Sequence[str]) -> pinocchio.Model:
-        """The bodies with the joints `names` only; the others are fixed in the bodies' zero pose."""
+    def reduced(self, names: Sequence[str]) -> tuple[pinocchio.Model, pinocchio.Model | None]:
+        """The bodies, and `lift`, with the joints `names` only; the others are fixed in the bodies' zero pose.
+
+        Joints that follow one of `names` add their inertia in that pose as armature, but not their gravity.
+        """
         fixed = [k for k in range(1, self.model.njoints) if self.model.names[k] not in names]
-        model = pinocchio.buildReducedModel(self.model, fixed, pinocchio.neutral(self.model))
-        rotors = np.zeros(model.nv)
+        zero = self.configuration({})
+        model = pinocchio.buildReducedModel(self.model, fixed, zero)
+        lift = None if self.lift is None else pinocchio.buildReducedModel(self.lift, fixed, zero)
+        mass, rotors = self._mass_matrix(zero), np.zeros(model.nv)
         for name in names:
-            rotors[model.joints[model.getJointId(name)].idx_v] = self.joint(name).armature or 0.0
+            own, moved = self._index(name), self._moved(name)
+            following = moved @ mass @ moved - mass[own, own]
+            rotors[model.joints[model.getJointId(name)].idx_v] = (self.joint(name).armature or 0.0) + following
         model.armature = rotors
-        return model
+        return model, lift
+
+    def following(self, name: str) -> list[RobotJoint]:
+        """The joints that follow the joint of that name."""
+        return [each for each in self.joints if each.mimic == name]
+
+    def sprung(self, name: str) -> list[RobotJoint]:
+        """The joints with springs in the part of the robot that a joint moves."""
+        behind = {self.model.names[k] for k in self.model.subtrees[self.model.getJointId(name)]} - {name}
+        return [each for each in self.joints if each.name in behind and each.stiffness]
+
+    def _index(self, name: str) -> int:
+        return int(self.model.joints[self.model.getJointId(name)].idx_v)
+
+    def _moved(self, name: str) -> Array:
+        """Velocities (nv,) of all joints per velocity of one of them."""
+        moved = np.zeros(self.model.nv)
+        moved[self._index(name)] = 1.0
+        for each in self.following(name):
+            moved[self._index(each.name)] = each.multiplier
+        return moved
+
+    def _mass_matrix(self, q: Array) -> Array:
+        """Inertia (nv, nv) of the bodies without rotors."""
+        upper = np.triu(pinocchio.crba(self.model, self.model.createData(), q))
+        return np.asarray(upper + np.triu(upper, 1).T - np.diag(self.model.armature))
 
     def joint(self, name: str) -> RobotJoint:
         """The joint of that name. Raises DeviceError with the names that there are."""
@@ -94,9 +135,17 @@ class Robot:
         raise DeviceError(f"{self.file}: {wanted} {there}")
 
     def configuration(self, angles: Mapping[str, float]) -> Array:
-        """pinocchio's configuration with the joints at `angles` [rad], the others in the bodies' zero pose."""
-        q = pinocchio.neutral(self.model)
-        for name, value in angles.items():
+        """pinocchio's configuration with the joints at `angles` [rad], the others in the bodies' zero pose.
+
+        Joints without an angle that follow another are where it takes them.
+        """
+        q, masters = pinocchio.neutral(self.model), {each.name: each for each in self.joints}
+        pose = {
+            each.name: each.multiplier * angles.get(each.mimic, masters[each.mimic].reference) + each.offset
+            for each in self.joints
+            if each.mimic in masters
+        }
+        for name, value in {**pose, **angles}.items():
             joint = self.model.joints[self.model.getJointId(name)]
             value = value - self.joint(name).reference
             q[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if joint.nq == 2 else value
@@ -104,34 +153,44 @@ class Robot:
 
     def seen_at(self, name: str, angles: Mapping[str, float] | None = None) -> SeenAtJoint:
         """Inertia and gravity at a joint with the other joints at `angles` [rad], or in the bodies' zero pose."""
-        own, pose = self.joint(name), dict(angles or {})
+        own, pose, moved = self.joint(name), dict(angles or {}), self._moved(name)
         for each in pose:
             self.joint(each)
-        data, at = self.model.createData(), self.model.joints[self.model.getJointId(name)].idx_v
         pose.setdefault(name, own.reference)
 
         def inertia(angles: Mapping[str, float]) -> float:
-            return float(pinocchio.crba(self.model, data, self.configuration(angles))[at, at] - self.model.armature[at])
+            return float(moved @ self._mass_matrix(self.configuration(angles)) @ moved)
 
         def gravity(angle: float) -> float:
             q = self.configuration({**pose, name: angle})
-            return float(pinocchio.computeGeneralizedGravity(self.model, data, q)[at])
+            weight = pinocchio.computeGeneralizedGravity(self.model, self.model.createData(), q)
+            if self.lift is not None:
+                weight = weight - pinocchio.computeGeneralizedGravity(self.lift, self.lift.createData(), q)
+            return float(moved @ weight)
 
         rng = np.random.default_rng(0)
+        follows = self.following(name)
         ranges = {
             each.name: (max(each.low, each.reference - np.pi), min(each.high, each.reference + np.pi))
             for each in self.joints
-            if each.name != name
+            if (each.name != name or follows) and not each.mimic
         }
         seen = [inertia(pose)]
         for _ in range(POSES if ranges else 0):
             seen.append(inertia({each: float(rng.uniform(*ends)) for each, ends in ranges.items()}))
+        extent = seen[0], min(seen), max(seen)
+        limited = follows and np.isfinite([own.low, own.high]).all() and own.low < own.high
+        at = np.linspace(*((own.low, own.high) if limited else (-np.pi, np.pi)), GRAVITY_ANGLES)
         if own.kind == "prismatic":
-            return SeenAtJoint(seen[0], min(seen), max(seen), gravity(own.reference), 0.0)
-        sine, cosine = -gravity(0.0), gravity(0.5 * np.pi)  # of G sin(q - q0), times G
-        size = float(np.hypot(sine, cosine))
-        angle = float(np.arctan2(sine, cosine)) + 0.0 if size > 1e-9 else 0.0
-        return SeenAtJoint(seen[0], min(seen), max(seen), size if size > 1e-9 else 0.0, angle)
+            constant = gravity(own.reference)
+            error = max(abs(gravity(each) - constant) for each in at) if follows else 0.0
+            return SeenAtJoint(*extent, constant, 0.0, error)
+        torque, waves = np.array([gravity(each) for each in at]), np.stack([np.sin(at), np.cos(at)], axis=1)
+        fitted, *_ = np.linalg.lstsq(waves, torque, rcond=None)  # G cos(q0) and -G sin(q0) of G sin(q - q0)
+        size = float(np.hypot(*fitted))
+        angle = round(float(np.arctan2(-fitted[1], fitted[0])), 9) + 0.0 if size > 1e-9 else 0.0
+        error = float(np.abs(waves @ fitted - torque).max())
+        return SeenAtJoint(*extent, size if size > 1e-9 else 0.0, angle, error)
 
 
 def read_robot(path: str | Path) -> Robot:
@@ -145,7 +204,9 @@ def read_robot(path: str | Path) -> Robot:
     except ElementTree.ParseError as error:
         raise DeviceError(f"{path}: not XML: {error}") from None
     if root.tag == "robot":
-        return _urdf(path, text, root)
+        from via_core.robots.urdf import read_urdf
+
+        return read_urdf(path, text, root)
     if root.tag == "mujoco":
         from via_core.robots.mjcf import read_mjcf  # importing MuJoCo takes a second
 
@@ -156,101 +217,3 @@ def read_robot(path: str | Path) -> Robot:
 def is_model(name: str | Path) -> bool:
     """Whether a name is a path of a robot description rather than of a device or an arm."""
     return Path(name).suffix.lower() in (".urdf", ".xml", ".mjcf", ".xacro")
-
-
-def _urdf(path: Path, text: str, root: ElementTree.Element) -> Robot:
-    if root.find(".//{http://www.ros.org/wiki/xacro}*") is not None or "<xacro:" in text:
-        raise DeviceError(f"{path}: contains xacro macros; write the URDF with `xacro {path} > plain.urdf`")
-    try:
-        model = pinocchio.buildModelFromXML(_without_meshes(root))
-    except (ValueError, RuntimeError, IndexError) as error:
-        raise DeviceError(f"{path}: pinocchio cannot read it: {' '.join(str(error).split())[:160]}") from None
-    elements = {str(each.get("name")): each for each in root.findall("joint")}
-    joints = [_urdf_joint(elements[name], root) for name in model.names if name in elements and _moves(elements[name])]
-    rotors = np.zeros(model.nv)
-    for each in joints:
-        rotors[model.joints[model.getJointId(each.name)].idx_v] = each.armature or 0.0
-    model.armature = rotors
-    odd = [str(e.get("name")) for e in elements.values() if e.get("type") in ("floating", "planar")]
-    light = [str(link.get("name")) for link in root.findall("link") if link.find("inertial") is None]
-    remarks = [f"joints {', '.join(odd)} float or slide in a plane: taken as fixed"] if odd else []
-    child = {str(e.find("child").get("link")): e for e in elements.values() if e.find("child") is not None}  # type: ignore[union-attr]
-    bare = [name for name in light if name in child and _moves(child[name])]
-    if bare:
-        remarks.append(f"links {', '.join(bare)} state no <inertial>: taken as massless")
-    return Robot(str(root.get("name") or path.stem), str(path), model, tuple(joints), tuple(remarks))
-
-
-def _without_meshes(root: ElementTree.Element) -> str:
-    """The URDF without what only pictures and contacts need, so that missing meshes cannot matter."""
-    copied = ElementTree.fromstring(ElementTree.tostring(root))
-    for link in copied.findall("link"):
-        for tag in ("visual", "collision"):
-            for each in link.findall(tag):
-                link.remove(each)
-    for tag in ("gazebo", "transmission", "ros2_control", "material"):
-        for each in copied.findall(tag):
-            copied.remove(each)
-    return ElementTree.tostring(copied, encoding="unicode")
-
-
-def _moves(element: ElementTree.Element) -> bool:
-    return element.get("type") in ("revolute", "continuous", "prismatic")
-
-
-def _urdf_joint(element: ElementTree.Element, root: ElementTree.Element) -> RobotJoint:
-    name, remarks = str(element.get("name")), []
-    number = _Numbers(element)
-    joint = RobotJoint(
-        name,
-        "prismatic" if element.get("type") == "prismatic" else "revolute",
-        effort=number("limit", "effort") or None,
-        speed=number("limit", "velocity") or None,
-        damping=number("dynamics", "damping"),
-        friction=number("dynamics", "friction"),
-        armature=number("dynamics", "armature") or number("dynamics", "rotor_inertia"),
-    )
-    if element.get("type") != "continuous" and element.find("limit") is not None:
-        joint = replace(joint, low=number("limit", "lower") or 0.0, high=number("limit", "upper") or 0.0)
-    mimic = element.find("mimic")
-    if mimic is not None:
-        joint = replace(joint, mimic=str(mimic.get("joint")))
-        remarks.append(
-            f"follows joint {mimic.get('joint')} by a factor {mimic.get('multiplier', '1')}: the inertia that it adds "
-            "there is left out"
-        )
-    for each in root.findall("transmission"):
-        for transmitted in each.findall("joint"):
-            if transmitted.get("name") == name:
-                reduction = each.findtext(".//mechanicalReduction")
-                remarks.append(
-                    f"transmission '{each.get('name')}' states a reduction of {reduction or 1}; its rotor's inertia "
-                    "times the reduction squared belongs to the inertia at the joint, and URDF has no place for it"
-                )
-    for each in root.iterfind(".//ros2_control/joint"):
-        if each.get("name") == name:
-            modes = [str(c.get("name")) for c in each.findall("command_interface")]
-            remarks.append(f"ros2_control commands its {', '.join(modes) or 'nothing'}")
-    for each in root.findall("gazebo"):
-        if each.get("reference") == name:
-            stated = [f"{tag.tag} {(tag.text or '').strip()}" for tag in each if (tag.text or "").strip()]
-            if stated:
-                remarks.append(f"its gazebo element states {', '.join(stated)[:120]}: not used")
-    for key in ("spring_stiffness", "spring_reference"):
-        if number("dynamics", key):
-            remarks.append(f"{key} {number('dynamics', key):g}: a device file of a rigid joint has no spring: not used")
-    return replace(joint, remarks=tuple(remarks))
-
-
-@dataclass(frozen=True)
-class _Numbers:
-    """Numbers in the attributes of an element's children."""
-
-    element: ElementTree.Element
-
-    def __call__(self, tag: str, key: str) -> float | None:
-        child = self.element.find(tag)
-        text = None if child is None else child.get(key)
-        if text is None or not re.fullmatch(r"\s*[-+]?[0-9.]+(?:[eE][-+]?\d+)?\s*", text):
-            return None
-        return float(text)

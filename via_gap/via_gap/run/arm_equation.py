@@ -215,6 +215,7 @@ def _rows(arm: Arm, drive: Array, motion: tuple[Array, Array, Array], length: in
     q, v, a = motion
     n, used = q.shape[1], length * count
     model, data = arm.model, arm.model.createData()
+    lifted = None if arm.lift is None else arm.lift.createData()
     bodies = [NUMBERS_OF_BODY * (body_of(arm, k) - 1) for k in range(n)]
     links = [each.link for each in arm.devices]
     viscous, dry = (
@@ -240,6 +241,8 @@ def _rows(arm: Arm, drive: Array, motion: tuple[Array, Array, Array], length: in
             state = arm.configuration(q[k]), velocity, acceleration
             total += pinocchio.computeJointTorqueRegressor(model, data, *state)
             stiffness += pinocchio.computeRNEADerivatives(model, data, *state)[0]
+            if lifted is not None:
+                stiffness -= pinocchio.computeGeneralizedGravityDerivatives(arm.lift, lifted, state[0])
         for k, column in enumerate(bodies):
             out[:, w, k, _Y] = total[arm.order, column : column + NUMBERS_OF_BODY] / length
         for k, (group, slot) in enumerate(offsets):

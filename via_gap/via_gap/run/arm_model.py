@@ -51,15 +51,21 @@ class Arm:
     model: pinocchio.Model  # rotors as armature
     order: Indices  # (n,) index of each device's joint in the model's vectors
     reference: Array | None = None  # (n,) [rad] angles in the zero pose of the model; None: 0
+    lift: pinocchio.Model | None = None  # the same tree with the masses whose weight the robot compensates
+    remarks: tuple[str, ...] = ()  # on what the model states and the devices lack
 
     def torques(self, angle: Array, velocity: Array, acceleration: Array) -> Array:
         """Drive torques (N, n) [N m] of a motion (N, n each) [rad, rad/s, rad/s^2] without any friction."""
         data = self.model.createData()
+        lifted = None if self.lift is None else self.lift.createData()
         out = np.empty_like(angle)
         v, a = np.zeros(self.model.nv), np.zeros(self.model.nv)
         for k in range(len(angle)):
             v[self.order], a[self.order] = velocity[k], acceleration[k]
-            out[k] = pinocchio.rnea(self.model, data, self.configuration(angle[k]), v, a)[self.order]
+            q = self.configuration(angle[k])
+            out[k] = pinocchio.rnea(self.model, data, q, v, a)[self.order]
+            if lifted is not None:
+                out[k] -= pinocchio.computeGeneralizedGravity(self.lift, lifted, q)[self.order]
         return out
 
     def configuration(self, angle: Array) -> Array:
@@ -109,9 +115,16 @@ def arm_of_model(model: Path, recording: Path, constants: Constants = NONE) -> A
         if each.drive == "torque":
             each.numbers["torque_scale"] = TORQUE_SCALE
     devices = tuple(parse_device(each.text(), each.joint) for each in found)
-    reduced = robot.reduced([each.name for each in joints])
+    reduced, lift = robot.reduced([each.name for each in joints])
+    own = [f"{each.joint}: {text}" for each in found for text in each.remarks if text not in robot.remarks]
+    own += [
+        f"{each.mimic}: an arm includes inertia and friction of {each.name}, but not its gravity"
+        for joint in joints
+        for each in robot.following(joint.name)
+    ]
     order = np.array([reduced.joints[reduced.getJointId(each.name)].idx_v for each in joints], dtype=np.intp)
-    return Arm(robot.name, devices, reduced, order, np.array([each.reference for each in joints]))
+    reference = np.array([each.reference for each in joints])
+    return Arm(robot.name, devices, reduced, order, reference, lift, (*robot.remarks, *own))
 
 
 def _built(shown: str, file: RigidArmFile, devices: tuple[Device, ...], model: pinocchio.Model) -> Arm:
@@ -152,9 +165,11 @@ def joint_number(arm: Arm, name: str) -> int:
 
 def under(arm: Arm, gravity: Array) -> Arm:
     """The arm under a gravity (3,) [m/s^2] in the frame of its base."""
-    model = arm.model.copy()
-    model.gravity.linear = gravity
-    return replace(arm, model=model)
+    model, lift = arm.model.copy(), None if arm.lift is None else arm.lift.copy()
+    for each in (model, lift):
+        if each is not None:
+            each.gravity.linear = gravity
+    return replace(arm, model=model, lift=lift)
 
 
 def body_of(arm: Arm, joint: int) -> int:

@@ -15,7 +15,16 @@ from via_core.recordings.channels import joint_of
 from via_core.recordings.entries import Constants, entries_of, linear
 from via_core.recordings.guess import ColumnGuess, guess_columns
 from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
-from via_core.robots.description import GUESS, RATE, Description, Number, device_name, guess_gains, of_model
+from via_core.robots.description import (
+    GUESS,
+    RATE,
+    Description,
+    Number,
+    device_name,
+    guess_gains,
+    of_model,
+    rigid_springs,
+)
 
 from via_gap.logs.log import JointLog
 from via_gap.logs.survey import fit_gains, fit_joint, survey
@@ -47,8 +56,12 @@ def describe(
 
         robot = read_robot(model)
         joint = robot.joint(joint if joint or len(robot.joints) != 1 else robot.joints[0].name).name
-    tables = None if log is None else Recorded.of(log, robot)
-    return described(command, robot, joint, tables, at, constants)
+    recorded = None if log is None else Recorded.of(log, robot)
+    made = described(command, robot, joint, recorded, at, constants)
+    if robot is not None:
+        made.remarks += rigid_springs(robot, joint)
+        made.remarks += [] if recorded is None else _others(robot, joint, recorded)
+    return made
 
 
 @dataclass(frozen=True)
@@ -84,6 +97,7 @@ def described(
     made = Description("joint", joint or "joint", command)
     if robot is not None:
         of_model(made, robot, robot.joint(joint), at)
+        constants = replace(constants, drive=robot.joint(joint).drive, gear=robot.joint(joint).gear)
     if recorded is not None:
         entries = entries_of(recorded.tables, recorded.guesses, joint, constants, recorded.bag)
         if not joint:
@@ -97,7 +111,6 @@ def described(
         made.linear = made.linear or linear(entries)
     made.name = device_name(made.joint)
     if robot is not None and recorded is not None:
-        made.remarks += _others(robot, joint, recorded, made.sources[0])
         _set_zero(made, robot.joint(joint), recorded)
     if recorded is not None:
         _choose_drive(made)
@@ -108,14 +121,14 @@ def described(
     return made
 
 
-def _others(robot: Robot, joint: str, recorded: Recorded, model: str) -> list[str]:
+def _others(robot: Robot, joint: str, recorded: Recorded) -> list[str]:
     """What to do about other joints of the recording: a diagnosis of all needs what drives each of them."""
     seen = {guess.joint for guess in recorded.guesses if guess.quantity == "position"}
-    gains = {each.name for each in robot.joints if each.kp is not None}
+    actuated = {each.name for each in robot.joints if each.kp is not None or each.drive == "torque"}
     driven = {
         guess.joint
         for guess in recorded.guesses
-        if guess.quantity in DRIVEN or (guess.quantity == "position command" and guess.joint in gains)
+        if guess.quantity in DRIVEN or (guess.quantity == "position command" and guess.joint in actuated)
     }
     others = [each.name for each in robot.joints if each.name in seen and each.name != joint]
     if not others:
@@ -128,7 +141,7 @@ def _others(robot: Robot, joint: str, recorded: Recorded, model: str) -> list[st
         ]
     return [
         f"the recording also has {names}: where they move they act on {joint}, so diagnose all "
-        f"joints together: via gap diagnose {recorded.path} --arm {model}"
+        f"joints together: via gap diagnose {recorded.path} --arm {robot.file}"
     ]
 
 
