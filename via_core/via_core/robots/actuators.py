@@ -10,11 +10,12 @@ import numpy as np
 
 # Members of these enumerations are not equal to the numbers in a model.
 _ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-_FIXED, _NONE, _AFFINE, _AT_ONCE, _INTEGRATES = (
+_FIXED, _PID, _NONE, _AFFINE, _AT_ONCE, _INTEGRATES, _PID_STATE = (
     int(each)
     for each in (
-        mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE,
-        mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_INTEGRATOR,
+        mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_PID, mujoco.mjtBias.mjBIAS_NONE,
+        mujoco.mjtBias.mjBIAS_AFFINE, mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_INTEGRATOR,
+        mujoco.mjtDyn.mjDYN_PID,
     )
 )  # fmt: skip
 
@@ -24,7 +25,8 @@ class Actuator:
     """An actuator of one joint, seen at the joint.
 
     An actuator of gear g has length g q and acts with g times its force. A position actuator has the force
-    kp (ctrl - g q) - kv g qd, so kp and kd at the joint are g^2 kp and g^2 kv, and a command is g q.
+    kp (ctrl - g q) - kv g qd, so kp and kd at the joint are g^2 kp and g^2 kv, and a command is g q. One with an
+    integral has the same, and ki times the integral of ctrl - g q, which is limited; its command can change slowly.
     """
 
     name: str
@@ -39,6 +41,9 @@ class Actuator:
     time_constant: float | None  # [s] of its activation; None: acts at once
     passive: tuple[float, float]  # damping [N m s/rad] and armature [kg m^2] that it adds to the joint
     polynomial: bool  # whether that damping is nonlinear
+    integral: float = 0.0  # [N m/(rad s)] ki
+    integral_limit: float | None = None  # [N m]
+    slew: float | None = None  # [rad/s] of the goal
 
 
 def actuators_of(model: Any, j: int) -> list[Actuator]:
@@ -62,10 +67,16 @@ def _name(model: Any, i: int) -> str:
 
 def _actuator(model: Any, i: int) -> Actuator:
     gear, gain, bias = float(model.actuator_gear[i, 0]), float(model.actuator_gainprm[i, 0]), model.actuator_biasprm[i]
-    linear = int(model.actuator_gaintype[i]) == _FIXED and int(model.actuator_biastype[i]) in (_NONE, _AFFINE)
+    affine = int(model.actuator_biastype[i]) in (_NONE, _AFFINE)
+    pid = affine and int(model.actuator_gaintype[i]) == _PID and int(model.actuator_dyntype[i]) == _PID_STATE
+    linear = pid or (affine and int(model.actuator_gaintype[i]) == _FIXED)
     constant, stiffness, damping = (
         map(float, bias[:3]) if linear and int(model.actuator_biastype[i]) == _AFFINE else (0.0, 0.0, 0.0)
     )
+    integral, most, slew = 0.0, 0.0, 0.0
+    if pid:
+        integral, gain = gain * gear**2, -stiffness
+        most, slew = map(float, model.actuator_dynprm[i, :2])
     integrates = int(model.actuator_dyntype[i]) == _INTEGRATES
     sort: Literal["position", "velocity", "torque", "other", "without input"] = "other"
     if not model.actuator_ctrlnum[i]:
@@ -94,9 +105,12 @@ def _actuator(model: Any, i: int) -> Actuator:
         float(low),
         float(high),
         float(model.actuator_delay[i]),
-        None if int(model.actuator_dyntype[i]) == _AT_ONCE else float(model.actuator_dynprm[i, 0]),
+        None if pid or int(model.actuator_dyntype[i]) == _AT_ONCE else float(model.actuator_dynprm[i, 0]),
         (float(model.actuator_damping[i]) * gear**2, float(model.actuator_armature[i]) * gear**2),
         bool(np.any(model.actuator_dampingpoly[i])),
+        integral,
+        integral * most / abs(gear) if most else None,
+        slew / abs(gear) if slew else None,
     )
 
 
@@ -131,7 +145,8 @@ def drive_of(model: Any, j: int) -> dict[str, Any]:
             remarks.append(f"damping of the actuators of {kd:.4g} N m s/rad is kd of the drive")
         elif kd == 0.0 and used[0].time_constant is None:
             remarks.append(f"position actuator '{used[0].name}' has no kv: kd is 0")
-        made |= {"drive": "position", "kp": kp, "kd": kd, "gear": used[0].gear}
+        made |= {"drive": "position", "kp": kp, "kd": kd, "gear": used[0].gear, "ki": used[0].integral}
+        made |= {"integral_limit": used[0].integral_limit, "slew": used[0].slew}
         made["limited"] = "proportional" if outside and kd else "sum"
     elif used:
         made |= {"drive": "torque", "gear": used[0].gear * used[0].gain}

@@ -20,18 +20,27 @@ TORQUE = 0.05  # of torques: constants of motors vary between copies by some per
 LONGEST_DELAY = 0.1  # [s] that a device file can state
 NO_SINE = 0.02  # difference of a gravity from a sine, relative to its size, that gets a remark
 RATE = 500.0  # [Hz] where no recording shows one
-ORDER = ("inertia", "viscous_friction", "coulomb_friction", "gravity_torque", "gravity_angle", "kp", "kd",
-         "torque_limit", "speed_limit", "delay", "rate", "link_quantum", "torque_noise")  # fmt: skip
+ORDER = ("inertia", "viscous_friction", "coulomb_friction", "gravity_torque", "gravity_angle", "kp", "kd", "ki",
+         "integral_limit", "torque_limit", "speed_limit", "delay", "rate", "link_quantum", "torque_noise")  # fmt: skip
 PARTS = {
-    "servo": ("kp", "kd", "torque_limit", "speed_limit", "delay"),
+    "servo": ("kp", "kd", "ki", "integral_limit", "torque_limit", "speed_limit", "delay"),
     "sensors": ("rate", "link_quantum", "torque_noise"),
 }
 UNITS = {
     "inertia": "kg m^2", "viscous_friction": "N m s/rad", "coulomb_friction": "N m", "gravity_torque": "N m",
-    "gravity_angle": "rad", "kp": "N m/rad", "kd": "N m s/rad", "torque_limit": "N m", "speed_limit": "rad/s",
-    "delay": "s", "torque_scale": "-", "rate": "Hz", "link_quantum": "rad", "torque_noise": "N m",
+    "gravity_angle": "rad", "kp": "N m/rad", "kd": "N m s/rad", "ki": "N m/(rad s)",
+    "integral_limit": "N m", "torque_limit": "N m", "speed_limit": "rad/s", "delay": "s", "torque_scale": "-",
+    "rate": "Hz", "link_quantum": "rad", "torque_noise": "N m",
 }  # fmt: skip
-LINEAR = {"kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m": "N", "rad": "m", "rad/s": "m/s"}
+LINEAR = {
+    "kg m^2": "kg",
+    "N m s/rad": "N s/m",
+    "N m/rad": "N/m",
+    "N m/(rad s)": "N/(m s)",
+    "N m": "N",
+    "rad": "m",
+    "rad/s": "m/s",
+}
 # The tolerance of the device file that covers a number.
 TOLERANCE = {
     "inertia": "link_inertia", "viscous_friction": "link_friction", "coulomb_friction": "link_friction",
@@ -215,6 +224,12 @@ def _drive(description: Description, joint: RobotJoint) -> None:
             description.remarks.append(
                 f"its actuator has gear {joint.gear:g}: goals in its units need `scale: {1 / joint.gear:g}`"
             )
+        if joint.ki:
+            numbers["ki"] = Number(joint.ki, "read", f"of the actuator{gear}", CAD)
+        if joint.integral_limit:
+            numbers["integral_limit"] = Number(joint.integral_limit, "read", "ki times imax of the actuator", CAD)
+        if joint.slew:
+            numbers["speed_limit"] = Number(joint.slew, "read", "slewmax of the actuator", CAD)
         if joint.effort:
             numbers["torque_limit"] = Number(joint.effort, "read", "force range of the actuator", CAD)
         if joint.delay:

@@ -42,6 +42,9 @@ class RobotJoint:
     reference: float = 0.0  # [rad] angle in the bodies' zero pose
     kp: float | None = None  # [N m/rad] of a position drive
     kd: float | None = None  # [N m s/rad]
+    ki: float = 0.0  # [N m/(rad s)]
+    integral_limit: float | None = None  # [N m]
+    slew: float | None = None  # [rad/s] limit on the speed of the goal
     limited: Literal["sum", "proportional"] = "sum"  # what `effort` limits: kp (goal - q) with or without kd qd
     drive: Literal["", "torque", "position"] = ""  # what commands of its actuator are; '': not stated
     gear: float = 1.0  # of a position drive: command per angle; of a torque drive: torque per command
