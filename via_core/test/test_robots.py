@@ -242,7 +242,11 @@ def test_damping_of_a_position_actuator_without_kv_is_kd_beyond_the_torque_limit
 def test_a_drive_with_an_integral_and_a_slow_goal_is_read(tmp_path: Path) -> None:
     """At the joint: gains times the gear squared, the integral's torque times the gear, speed over the gear."""
     pid = '<pid joint="a" kp="20" kv="0.8" ki="5" imax="0.4" slewmax="3" gear="2" forcerange="-3 3"/>'
-    numbers = described(mjcf(tmp_path, pid), "a").numbers
+    made = described(mjcf(tmp_path, pid), "a")
+    numbers = dict(made.numbers)
+    made.numbers["rate"] = numbers["kd"]
+    servo = parse_device(made.text(), "a.yaml").servo
+    assert servo is not None and (servo.ki, servo.speed_limit) == (20.0, 1.5)
     wanted = {"kp": 80.0, "kd": 3.2, "ki": 20.0, "integral_limit": 4.0, "speed_limit": 1.5, "torque_limit": 6.0}
     assert {name: numbers[name].value for name in wanted} == pytest.approx(wanted)
     plain = described(mjcf(tmp_path, '<pid joint="a" kp="20" ki="5"/>'), "a")

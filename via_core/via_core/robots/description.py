@@ -45,7 +45,7 @@ LINEAR = {
 TOLERANCE = {
     "inertia": "link_inertia", "viscous_friction": "link_friction", "coulomb_friction": "link_friction",
     "gravity_torque": "gravity", "torque_scale": "torque_scale", "kp": "kp", "kd": "kd",
-    "torque_limit": "torque_limit", "speed_limit": "speed_limit",
+    "torque_limit": "torque_limit",
 }  # fmt: skip
 
 
@@ -225,11 +225,11 @@ def _drive(description: Description, joint: RobotJoint) -> None:
                 f"its actuator has gear {joint.gear:g}: goals in its units need `scale: {1 / joint.gear:g}`"
             )
         if joint.ki:
-            numbers["ki"] = Number(joint.ki, "read", f"of the actuator{gear}", CAD)
+            numbers["ki"] = Number(joint.ki, "read", f"of the actuator{gear}")
         if joint.integral_limit:
-            numbers["integral_limit"] = Number(joint.integral_limit, "read", "ki times imax of the actuator", CAD)
+            numbers["integral_limit"] = Number(joint.integral_limit, "read", "ki times imax of the actuator")
         if joint.slew:
-            numbers["speed_limit"] = Number(joint.slew, "read", "slewmax of the actuator", CAD)
+            numbers["speed_limit"] = Number(joint.slew, "read", "slewmax of the actuator")
         if joint.effort:
             numbers["torque_limit"] = Number(joint.effort, "read", "force range of the actuator", CAD)
         if joint.delay:
