@@ -100,7 +100,7 @@ def test_arguments_have_the_types_of_the_parameters():
 
 def test_the_law_chooses_the_controller():
     def started(controller):
-        return {each.executable for each in described_nodes("limit_cycle", [f"law:={controller}"])}
+        return {each.executable for each in described_nodes("limit_cycle", [f"controller:={controller}"])}
 
     assert started("bang_bang") - started("modal_limit_cycle") == {"bang_bang"}
 

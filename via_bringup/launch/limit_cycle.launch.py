@@ -7,7 +7,7 @@ With `adapt:=true` modal_limit_cycle corrects its model while it runs: node `pay
 node `estimator` the stiffness of each joint. `payload` and `softer` change the simulated arm, but not the model.
 
 via launch limit_cycle
-via launch limit_cycle law:=bang_bang mode:=lockstep bag:=swing
+via launch limit_cycle controller:=bang_bang mode:=lockstep bag:=swing
 via launch limit_cycle adapt:=true payload:=0.44 softer:=0.1
 
 via service call /arm_simulator/push via_interfaces/srv/Push "{impulse: [0.3, 0.3, 0.1, 0.1]}"
@@ -23,7 +23,7 @@ from via_bringup.launching import flag, if_equal, node, simulation, string
 from via_core.vsa_arms import load_vsa_arm
 
 CONTROLLERS = ("modal_limit_cycle", "bang_bang")
-ARGUMENT, DEFAULT = "law", CONTROLLERS[0]  # chooses the controller
+ARGUMENT, DEFAULT = "controller", CONTROLLERS[0]  # chooses the controller
 
 
 def simulator_and_estimators(context: LaunchContext) -> list[Node]:
