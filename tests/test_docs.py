@@ -139,8 +139,8 @@ def run_guide(guide: Path, shell: Shell) -> list[Path]:
             shell.close()
         elif block.language == "python":
             run_python(shell, block.text)
-        elif block.language == "bash":  # for a stock Jazzy
-            assert re.search(r"\bros2 |ros-jazzy|ROS_SECURITY", block.text)
+        elif block.language == "bash":  # for a stock Jazzy, or what installs
+            assert re.search(r"\bros2 |ros-jazzy|ROS_SECURITY|apt install|make setup|colcon build|docker ", block.text)
         else:
             assert block.language == "yaml", f"{guide.name}, line {block.line}: neither a file nor a program"
             assert yaml.safe_load(block.text)
