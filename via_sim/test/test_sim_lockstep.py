@@ -1,6 +1,7 @@
 """Runs in lockstep against single runs: motion and final states."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -216,27 +217,32 @@ def test_functions_of_packs_match_the_library(x, y):
     assert np.max(np.abs(z[4] / np.exp(z[1]) - 1.0)) < 1e-14
 
 
-def led(row: Array, state: Array, sent: Array, measured: Array) -> None:
-    """One run with the link set to its measurement before every tick; a late encoder measured it later."""
+def led(row: Array, state: Array, sent: Array, measured: Array, axes: Sequence[int]) -> None:
+    """One run with axes set to their measurement before every tick; a late encoder measured it later."""
     u, modes, weights = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, N_WEIGHTS))
     begin(row, state, u, modes, weights)
-    times, lag = np.arange(len(measured)) / RATE, row[P.skew]
+    times = np.arange(len(measured)) / RATE
 
-    def at(column: int, tick: int) -> float:
-        return float(np.interp(tick / RATE + lag, times, measured[:, column]))
+    def lead(tick: int) -> None:
+        for axis in axes:
+            then = tick / RATE + row[P.skew + axis]
+            angle, speed = (float(np.interp(then, times, measured[:, k])) for k in (axis, 3 + axis))
+            state[axis], state[3 + axis] = true_motion(row, axis, angle, speed)
 
     for tick, command in enumerate(sent):
-        state[0], state[3] = true_motion(row, 0, at(0, tick), at(3, tick))
+        lead(tick)
         find_modes(row, state, u, modes)
         advance_tick(row, state, command, u, modes, weights, np.zeros(9))
-    state[0], state[3] = true_motion(row, 0, at(0, len(sent)), at(3, len(sent)))
+    lead(len(sent))
 
 
 @pytest.mark.parametrize(
-    "joint", [flexible(10.0, GRAVITY), antagonistic(GRAVITY), DAMPED], ids=["one", "two", "damped"]
+    ("joint", "axes"),
+    [(flexible(10.0, GRAVITY), (0,)), (antagonistic(GRAVITY), (0,)), (antagonistic(GRAVITY), (0, 1)), (DAMPED, (0,))],
+    ids=["one", "two", "two, a motor measured", "damped"],
 )
-def test_prescribed_axes_in_lockstep_equal_single_runs(joint):
-    """The link follows the motion of another run, under rows with every effect; motors are simulated."""
+def test_prescribed_axes_in_lockstep_equal_single_runs(joint, axes):
+    """Axes follow the motion of another run, which rests at times, under rows with every effect."""
     nominal = JointPlant.from_device(joint)
     plants = [nominal]
     for name in EFFECTS.keys() - {"encoder_quantisation"}:
@@ -244,11 +250,13 @@ def test_prescribed_axes_in_lockstep_equal_single_runs(joint):
     rows, sent = np.stack([plant.at_rate(RATE) for plant in plants]), commands(300)
     start = initial_state(nominal, RATE, (0.1, 0.0, 0.0, 0.5, 0.2, -0.2), 0)
     measured = alone(nominal.at_rate(RATE), start.copy(), 0.8 * sent)
+    for rest in (slice(0, 60), slice(150, 170)):
+        measured[rest, :3], measured[rest, 3:] = measured[rest.stop, :3], 0.0
     states = np.repeat(start[None], len(rows), axis=0)
     own, out = states.copy(), np.empty((len(rows), len(sent) + 1, 6))
-    lead_many(rows, states, sent, np.zeros(len(rows), np.int64), measured, np.array([0]), out)
+    lead_many(rows, states, sent, np.zeros(len(rows), np.int64), measured, np.array(axes), out)
     for row, state, mine, plant in zip(rows, states, own, plants, strict=True):
-        led(row, mine, sent, measured)
+        led(row, mine, sent, measured, axes)
         assert np.max(np.abs(state - mine)) < 1e-9, plant.effects
     moved = np.ptp(out[:, -1, 1:3], axis=0)
     assert moved.max() > 1e-3
