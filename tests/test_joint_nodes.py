@@ -241,8 +241,8 @@ def test_motors_without_limits_are_named_when_their_controller_starts(graph, cap
     graph.add(NODES["commanded_torque"], device="cubic_aa_vsa")
     graph.add(NODES["commanded_torque"], device="qbmove_a")
     said = capfd.readouterr().err
-    assert "cubic_aa_vsa is not limited where its file states no torque_limit (motor 1, 2), speed_limit" in said
-    assert "qbmove_a is not limited" not in said
+    assert "cubic_aa_vsa: its file states no torque_limit (motor 1, 2), speed_limit (motor 1, 2): not limited" in said
+    assert "qbmove_a: its file states no" not in said
 
 
 def test_slow_samples_are_reported_in_one_line_with_the_remedy(graph, capfd):

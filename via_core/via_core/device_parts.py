@@ -31,6 +31,7 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
 Text = Annotated[str, Field(min_length=1)]
+LONGEST_DELAY = 0.1  # [s] of a drive, effects included: simulators keep as many commands
 
 
 # What a channel measures: the kinds of `via_core.recordings.units`.
@@ -104,7 +105,7 @@ class PositionDrive(Record):
     feedforward: NotNegative = 0.0  # share of kd that acts on the speed of the goal
     limited: Literal["proportional", "sum"] = "proportional"
     speed_limit: Positive | None = None  # [rad/s] slew rate of the drive's internal goal; None: unknown
-    delay: Annotated[float, Field(strict=True, ge=0.0, le=0.1)] = 0.0  # [s] dead time of the goal
+    delay: Annotated[float, Field(strict=True, ge=0.0, le=LONGEST_DELAY)] = 0.0  # [s] dead time of the goal
 
     def led(self, goal: Array, time: Array) -> Array:
         """Goals (N,) [rad] at `time` (N,) [s] with their feedforward; the speed of a goal is that of its change."""

@@ -22,7 +22,6 @@ from via_export.mjcf_timing import has_memory, integrator, step
 from via_export.target import Target
 from via_export.xml import Element, child, element, text
 
-SMALL = 1e-9  # relative change of a number that counts as none
 TARGETS = ("joint", "jointinparent")
 POLYNOMIALS = {"damping": "dof_dampingpoly", "stiffness": "jnt_stiffnesspoly"}  # of a joint, beyond the linear term
 
@@ -48,7 +47,7 @@ def into(root: Element, target: Target, name: str, path: Path) -> list[str]:
             there.remove(old)
             found.append(f"{section} '{old.get('name')}' is replaced")
         there.extend(children)
-    if model.opt.timestep > step(target) * (1.0 + SMALL):
+    if model.opt.timestep > step(target) * (1.0 + notes.SMALL):
         best = integrator(target)
         found.append(
             f"option timestep: {model.opt.timestep:g} s; this joint needs {step(target):.3g} s, best with {best}"
@@ -137,7 +136,7 @@ def _mass(given: GivenJoint, target: Target) -> list[str]:
     elif points := payloads.payloads_of(target.effects, given.name, _weight_direction(model, number)):
         _needs_inertials(given)
         given.body.extend(point.body(model.jnt_pos[number]) for point in points)
-    if abs(change) > SMALL * target.inertia:
+    if abs(change) > notes.SMALL * target.inertia:
         armature = float(model.dof_armature[given.dof]) + change
         given.joint.set("armature", text(max(armature, 0.0)))
         if armature < 0.0:

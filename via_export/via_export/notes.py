@@ -11,7 +11,8 @@ from via_sim.plants import GRAVITY
 from via_export import payloads
 from via_export.target import Target
 
-ROUNDED = 1e-4  # relative change of a weight that is not worth an edit by hand: device files round their numbers
+ROUNDED = 1e-4  # relative change that is not worth an edit by hand: device files round their numbers
+SMALL = 1e-9  # relative change of a number that counts as none
 SAME = 1e-6  # relative change of a number that is written with ten digits
 
 

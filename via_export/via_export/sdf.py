@@ -20,7 +20,6 @@ from via_export.xml import Element, child, document, element, leaf
 
 VERSION = "1.9"  # the elements below are those of 1.11; older parsers refuse newer versions
 MIDDLE = 0.5  # of the stop: deflection at which the stiffness of a nonlinear spring is taken
-ROUNDED = 1e-4  # relative change of an inertia that is not worth an edit by hand
 CONTROLLER = "gz::sim::systems::JointPositionController"
 WIDE = 1e16  # SDF's own value of a missing limit
 
@@ -223,7 +222,7 @@ def into(source: Element, target: Target, name: str) -> list[str]:
         changed += notes.sliding_payload(target)
     else:
         changed += _add_payloads(source, found, target)
-    if abs(change) > ROUNDED * target.inertia:
+    if abs(change) > notes.ROUNDED * target.inertia:
         to_add = f"mass: add {change:.6g} kg" if slides else f"inertia about the axis: add {change:.6g} kg m^2"
         changed.append(f"{to_add} to link '{below}'")
     changed += notes.weight(target, f"link '{below}'")

@@ -20,7 +20,6 @@ from via_export.target import Target
 from via_export.xml import Element, child, document, element, text
 
 UNLIMITED = 1e9  # effort [N m] or velocity [rad/s] where none is known: URDF has no infinity
-SMALL = 1e-9  # relative change of a number that counts as none
 WIDE = 1e3  # [rad] position limit on the side without a wall
 WITH_GRAVITY = "0 -1 0"  # axis about which a link that hangs along -z turns
 UPRIGHT = "0 0 1"
@@ -160,7 +159,7 @@ def _add_mass(source: Element, joint: Element, target: Target, path: Path) -> li
             direction = payloads.hanging(path, str(joint.get("name")), _axis(joint))
             for point in payloads.payloads_of(target.effects, str(joint.get("name")), direction):
                 source.extend(point.urdf(below))
-    if abs(change) > SMALL * target.inertia:
+    if abs(change) > notes.SMALL * target.inertia:
         for entry, key in entries:
             if entry is None:
                 unit = "kg" if _slides(joint) else "kg m^2 about the joint's axis"

@@ -168,7 +168,7 @@ class ControllerNode(LifecycleNode):
         renewed = RenewedSubscription(self, JointState, "/joint_states", self._answer, qos.LOOP)
         self._entities.append((RenewedSubscription.destroy, renewed))
         if missing := self._supervisor.limits.unstated:
-            self.get_logger().warning(f"{self._robot.name} is not limited where its file states no {missing}")
+            self.get_logger().warning(f"{self._robot.name}: its file states no {missing}: not limited")
 
     def _creator(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:
         def created(*args: Any, **options: Any) -> Any:

@@ -216,10 +216,10 @@ def _with_stamps(columns: Mapping[str, Any]) -> dict[str, Any]:
     for name in columns:
         match = re.fullmatch(r"(.*?)(?:sec|secs|seconds)", name)
         rest = next((match[1] + each for each in NANOSECONDS if match[1] + each in columns), "") if match else ""
-        if match is None or not rest or not _whole(columns[name], np.inf) or not _whole(columns[rest], 1e9):
+        if match is None or not rest or not _whole(columns[name], 2.0**33) or not _whole(columns[rest], 1e9):
             continue
-        seconds, beyond = (np.asarray(made.pop(each), dtype=np.float64) for each in (name, rest))
-        made = {f"{match[1].rstrip('._') or 'stamp'}_ns": 1e9 * seconds + beyond, **made}
+        seconds, beyond = (np.asarray(made.pop(each)).astype(np.int64) for each in (name, rest))
+        made = {f"{match[1].rstrip('._') or 'stamp'}_ns": 10**9 * seconds + beyond, **made}
     return made
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from via_core.device_parts import LONGEST_DELAY
 from via_core.robots.models import Robot, RobotJoint
 
 Origin = Literal["read", "measured", "guessed", "stated"]
@@ -17,7 +18,6 @@ Origin = Literal["read", "measured", "guessed", "stated"]
 # measured, and changes with load and temperature; guesses are known to a factor of about two.
 CAD, WITHOUT_ROTOR, FRICTION, GUESS = 0.05, 0.2, 0.3, 0.65
 TORQUE = 0.05  # of torques: constants of motors vary between copies by some percent, and fall as magnets warm
-LONGEST_DELAY = 0.1  # [s] that a device file can state
 NO_SINE = 0.02  # difference of a gravity from a sine, relative to its size, that gets a remark
 RATE = 500.0  # [Hz] where no recording shows one
 ORDER = ("inertia", "viscous_friction", "coulomb_friction", "gravity_torque", "gravity_angle", "kp", "kd", "ki",
@@ -33,14 +33,9 @@ UNITS = {
     "rate": "Hz", "link_quantum": "rad", "torque_noise": "N m",
 }  # fmt: skip
 LINEAR = {
-    "kg m^2": "kg",
-    "N m s/rad": "N s/m",
-    "N m/rad": "N/m",
-    "N m/(rad s)": "N/(m s)",
-    "N m": "N",
-    "rad": "m",
+    "kg m^2": "kg", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m/(rad s)": "N/(m s)", "N m": "N", "rad": "m",
     "rad/s": "m/s",
-}
+}  # fmt: skip
 # The tolerance of the device file that covers a number.
 TOLERANCE = {
     "inertia": "link_inertia", "viscous_friction": "link_friction", "coulomb_friction": "link_friction",

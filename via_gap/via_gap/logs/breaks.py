@@ -12,7 +12,7 @@ import numpy as np
 from via_core.signals import Signals
 
 BREAK = 10.0  # [s] without a sample
-LEFT = 1.0  # [s] of a break that remain, longer than any segment
+LEFT = 2.0  # [s] of a break that remain, longer than any segment
 
 
 def without_breaks(

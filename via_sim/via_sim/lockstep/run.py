@@ -175,10 +175,10 @@ def _join(runs: _Runs, tick: int, work: _Work) -> None:
             for axis in runs.led:
                 angle, speed = _prescribed(p, work.number[lane] + tick, runs.measured, axis)
                 z[Z.start + axis, lane], z[Z.start + 3 + axis, lane] = angle, speed
-                if work.plain[lane] == 0:  # the history is written from its state
+                if work.plain[lane] == 0:  # its history is written from x, that of plain encoders from `out`
                     x[axis], x[3 + axis] = angle, speed
             place(p, z, lane)
-        if work.plain[lane] != 0 and work.loaded[lane] != 0:  # here it is written from `out`
+        if work.plain[lane] != 0 and work.loaded[lane] != 0:
             for axis in runs.led:
                 runs.out[lane, tick, axis] = z[Z.start + axis, lane] + z[Z.encoder_offset + axis, lane]
                 runs.out[lane, tick, 3 + axis] = z[Z.start + 3 + axis, lane]

@@ -24,10 +24,10 @@ from via_core.metrics import WIDTH_95
 from via_core.signals import Array
 
 from via_validation.changes.schedules import AMPLITUDE, STEP_SIZE, STEP_TIME, Schedule
+from via_validation.compare.decision import TRUSTED
 from via_validation.compare.figures import WITHIN, Run
 
 BANDWIDTH = 1.0 / sqrt(2.0)  # [-] missed at most by a method that follows
-USABLE = 0.9  # share of samples with status OK
 SHORT = 0.05  # [s] over which the factor of a step is averaged
 
 
@@ -105,7 +105,7 @@ def fastest(sines: dict[float, tuple[float, float]]) -> float:
     """
     highest = 0.0
     for frequency, (lost, ok) in sorted(sines.items()):
-        if not (lost <= BANDWIDTH and ok >= USABLE):
+        if not (lost <= BANDWIDTH and ok >= TRUSTED):
             break
         highest = frequency
     return highest

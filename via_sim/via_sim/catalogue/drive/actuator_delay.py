@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from via_core.device_parts import LONGEST_DELAY
 from via_core.errors import ParameterError
 
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Spot, Values
 from via_sim.catalogue.starts import grid
 
-MAX_DELAY = 0.1  # [s]
+MAX_DELAY = LONGEST_DELAY  # [s] with that of the drive
 
 
 def _write(spot: Spot, value: Values) -> None:
