@@ -34,10 +34,11 @@ P = slots(
     "torque_scale_deviation", "steadiness", "preset_terms",
 )  # fmt: skip
 # Followed by the coefficients of the spring law, those in proportion to the preset last. Dry friction is the sum of the
-# four from `friction` to `long`.
+# four from `friction` to `long` where the motor moves; `stuck` is its part in proportion to the deflection elsewhere.
 U = slots(
-    "inertia", "damping", "friction", "slow", "short", "long", "loss", "delay", "gear", "hysteresis", "creep", "play"
-)
+    "inertia", "damping", "friction", "slow", "short", "long", "stuck", "loss", "delay", "gear", "hysteresis", "creep",
+    "play",
+)  # fmt: skip
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 SHORT, LONG = 2e-3, 2e-2  # [rad] travel over which the frictions `short` and `long` build up
 CREEP, COARSE = 0.3, 0.35  # [s]; share of the stiffness that relaxes
@@ -55,25 +56,29 @@ def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array
 
 
 @njit(cache=True, error_model="numpy")
-def _friction(theta: Array, psi: Array, quantum: float, step: float) -> tuple[float, float, float]:
-    """<sign v, psi> and <v / SLOW within -1..1, psi> of the motor's velocity v, and the share of unknown sign.
+def _friction(own: Array, psi: Array, quantum: float, step: float, row: Array) -> float:
+    """Write the regressors of dry friction and of `stuck` into row (n,); returns the share <u, psi> without a direction.
 
-    The change of the angle over REACH to each side has a sign if it is at least two encoder steps; a motor that sticks
-    has none, and friction may then have any value up to its limit.
+    The change of the angle over REACH to each side has a sign if it is at least two encoder steps, u = 0; a motor that
+    sticks has none, u = 1, and friction may then have any value up to its limit.
     """
-    length = theta.size
+    theta, length = own[THETA], own.shape[1]
     reach = max(int(REACH * length), 1)
-    total = slow = unknown = 0.0
+    share = 0.0
     for k in range(length):
         after, before = min(k + reach, length - 1), max(k - reach, 0)
         change = theta[after] - theta[before]
-        slow += psi[k] * min(max(change / ((after - before) * step * SLOW), -1.0), 1.0)
         sign = 1.0 if change > 0.0 else -1.0 if change < 0.0 else 0.0
         if abs(change) < 2.0 * quantum:
             sign = 0.5 * change / quantum
-        total += psi[k] * sign
-        unknown += psi[k] * (1.0 - abs(sign))
-    return total, slow, unknown
+        unknown = psi[k] * (1.0 - abs(sign))
+        share += unknown
+        row[U.friction] += psi[k] * sign
+        row[U.slow] += psi[k] * min(max(change / ((after - before) * step * SLOW), -1.0), 1.0)
+        row[U.short] += psi[k] * own[ON_SHORT, k]
+        row[U.long] += psi[k] * own[ON_LONG, k]
+        row[U.stuck] += unknown * own[PHI, k]
+    return share
 
 
 @njit(cache=True, error_model="numpy")
@@ -115,8 +120,6 @@ def fill_row(
         y += (held[k] + 0.5 * delay * delay * psi[2, k]) * tau[k]
         row[U.inertia] += psi[2, k] * theta[k]
         row[U.damping] -= psi[1, k] * theta[k]
-        row[U.short] += psi[0, k] * own[ON_SHORT, k]
-        row[U.long] += psi[0, k] * own[ON_LONG, k]
         row[U.loss] += psi[1, k] * phi[k]
         row[U.delay] += late[k] * tau[k]
         row[U.hysteresis] -= psi[0, k] * own[ON_SPRING, k]
@@ -135,8 +138,7 @@ def fill_row(
         for term in range(row.size - 1 - varied):
             row[varied + term] -= odd / (2 * term + 1)
             odd *= squared
-    row[U.friction], row[U.slow], unknown = _friction(theta, psi[0], quantum, span / (phi.size - 1))
-    return y, unknown
+    return y, _friction(own, psi[0], quantum, span / (phi.size - 1), row)
 
 
 @njit(cache=True, error_model="numpy")
