@@ -12,6 +12,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate
 from via_ros import qos
+from via_ros.reports import StatusReport
 from via_ros.serialised import Template, raw
 
 from via_estimators.contract import Estimator, Live
@@ -51,6 +52,7 @@ class EstimatorChannel:
 
     def __init__(self, node: Node, device: Device, method: str, estimator: Estimator, topic: str) -> None:
         self.device, self.method, self.live = device, method, Live(estimator)
+        self.report = StatusReport(node, device.name, method)
         self.sequence = self._reported = self._spent = 0
         self._logger, self._told = node.get_logger(), set[str]()
         self._outputs, topics = [], []

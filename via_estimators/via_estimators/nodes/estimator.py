@@ -36,7 +36,8 @@ from via_ros import qos
 from via_ros.conversions import RowReader
 from via_ros.gate import RenewedSubscription
 from via_ros.parameters import declare
-from via_ros.serialised import JointStateDecoder
+from via_ros.reports import report
+from via_ros.serialised import JOINT_STATES, JointStateDecoder
 from via_ros.spin import STEADY, run
 
 from via_estimators.contract import Estimator, Parameters
@@ -55,7 +56,7 @@ class NodeParameters:
         metadata={"description": "name of a device, path of its file, or new_name=either"},
     )
     devices: tuple[str, ...] = field(default=(), metadata={"description": "several devices instead of one"})
-    joint_topic: str = field(default="/joint_states", metadata={"description": "topic of the samples"})
+    joint_topic: str = field(default=JOINT_STATES, metadata={"description": "topic of the samples"})
 
 
 @dataclass(frozen=True)
@@ -84,15 +85,15 @@ class Kind:
     topic: Callable[[Pair], str]
 
 
-ESTIMATOR = Kind("estimator", EstimatorParameters, lambda given: (given.method,), lambda pair: f"/{pair.device.name}")
+ESTIMATOR = Kind("estimator", EstimatorParameters, lambda given: (given.method,), lambda pair: f"{pair.device.name}")
 BANK = Kind(
-    "estimator_bank", BankParameters, lambda given: given.methods, lambda pair: f"/{pair.device.name}/{pair.method}"
+    "estimator_bank", BankParameters, lambda given: given.methods, lambda pair: f"{pair.device.name}/{pair.method}"
 )
 
 
 def single(method: str) -> Kind:
     """The kind of node with one fixed method."""
-    return Kind(method, NodeParameters, lambda _: (method,), lambda pair: f"/{pair.device.name}")
+    return Kind(method, NodeParameters, lambda _: (method,), lambda pair: f"{pair.device.name}")
 
 
 class EstimatorNode(Node):
@@ -127,7 +128,7 @@ class EstimatorNode(Node):
         for pipeline in self.pipelines:
             self.create_service(ResetEstimator, f"~/{pipeline.device.name}/reset", partial(_reset, [pipeline]))
             if pipeline.commanded:
-                self.create_subscription(VsaCommand, pipeline.device.command_topic, pipeline.hold, qos.SAMPLES)
+                self.create_subscription(VsaCommand, pipeline.device.command_name, pipeline.hold, qos.SAMPLES)
         depth = qos.samples_of(len(self.pipelines))
         self._samples = RenewedSubscription(self, JointState, own.joint_topic, self._take, depth)
         # One device at a time, so that diagnostics do not delay samples.
@@ -172,9 +173,7 @@ class EstimatorNode(Node):
             self._used, self._since = used, now
         pipeline = self.pipelines[self._turn]
         self._turn = (self._turn + 1) % len(self.pipelines)
-        report = DiagnosticArray(status=pipeline.report(self.get_name(), self._foreign, self._broken, self._share))
-        report.header.stamp = self.get_clock().now().to_msg()
-        self._reports.publish(report)
+        report(self, self._reports, pipeline.report(self._foreign, self._broken, self._share))
 
 
 def _names(own: NodeParameters) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import insort
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from via_interfaces.msg import VsaCommand
 from via_ros import qos
 from via_ros.conversions import RowReader, command_of, nanoseconds
@@ -58,7 +58,7 @@ class DevicePipeline:
         self._newest = NEVER
         return samples
 
-    def report(self, node: str, foreign: int, broken: int, share: float) -> list[DiagnosticStatus]:
+    def report(self, foreign: int, broken: int, share: float) -> list[DiagnosticStatus]:
         """One status per channel.
 
         foreign  number of messages without a device of the node
@@ -71,17 +71,15 @@ class DevicePipeline:
             health = channel.live.health()
             count, cost = channel.cost()
             fault = channel.fault()
-            troubles = {
+            conditions = {
                 fault: bool(fault),
                 "no samples": count == 0,
                 "joints of other devices only": foreign > 0 and channel.sequence == 0,
-                "bad samples": health.bad > 0,
-                "gaps": health.gaps > 0,
-                "late commands": self._late > 0,
-                "refused commands": self._refused > 0,
-                "malformed messages": malformed > 0,
             }
-            problems = [text for text, present in troubles.items() if present]
+            events = {
+                "bad samples": health.bad, "gaps": health.gaps, "late commands": self._late,
+                "refused commands": self._refused, "malformed messages": malformed,
+            }  # fmt: skip
             values: dict[str, str | float] = {
                 "status": health.status.name, "suspected fault": fault or "none", "rate [Hz]": count / REPORT,
                 "samples": health.samples,
@@ -91,17 +89,5 @@ class DevicePipeline:
                 "share of a core, this method [%]": 1e-4 * cost * count / REPORT,
                 "share of a core, whole process [%]": 100.0 * share,
             }  # fmt: skip
-            found.append(
-                DiagnosticStatus(
-                    level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
-                    name=f"{node}: {self.device.name} {channel.method}",
-                    message=", ".join(problems) or health.status.name,
-                    hardware_id=self.device.name,
-                    values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
-                )
-            )
+            found.append(channel.report.status(conditions, events, values, health.status.name))
         return found
-
-
-def _text(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:.6g}"
