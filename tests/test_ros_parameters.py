@@ -83,6 +83,49 @@ def test_parameters_cannot_be_changed_at_run_time(declared):
     assert built.rate == node.get_parameter("rate").value == 1.0
 
 
+@dataclass(frozen=True)
+class Tuned:
+    gain: float = field(default=1.0, metadata={"description": "gain", "range": (0.0, 10.0), "live": True})
+    limit: float = field(default=2.0, metadata={"description": "limit", "live": True})
+
+
+@pytest.fixture
+def tuned(graph):
+    """A node with live parameters, and those in effect."""
+    node, effective = graph.node("tuned"), []
+
+    def changed(parameters):
+        if parameters.gain > parameters.limit:
+            raise ParameterError("gain exceeds limit")
+        return partial(effective.append, parameters)
+
+    effective.append(declare(node, Tuned, changed=changed))
+    return node, effective
+
+
+def values_of(**values):
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def test_live_parameters_of_one_request_take_effect_together(tuned):
+    node, effective = tuned
+    assert node.set_parameters_atomically(values_of(gain=5.0, limit=6)).successful
+    assert effective[1:] == [Tuned(5.0, 6.0)]
+    refused = node.set_parameters_atomically(values_of(gain=3.0, limit=2.0))
+    assert (refused.successful, refused.reason) == (False, "gain exceeds limit")
+    assert node.set_parameters(values_of(gain=4.0))[0].successful
+    assert effective[1:] == [Tuned(5.0, 6.0), Tuned(4.0, 6.0)]
+
+
+def test_a_request_that_another_part_of_the_node_refuses_changes_nothing(tuned):
+    """ROS refuses the text for `use_sim_time`, after the callback for the gain."""
+    node, effective = tuned
+    assert not node.set_parameters_atomically(values_of(gain=2.0, use_sim_time="yes")).successful
+    assert node.get_parameter("gain").value == 1.0 and len(effective) == 1
+    assert node.set_parameters(values_of(limit=3.0))[0].successful
+    assert effective[1:] == [Tuned(1.0, 3.0)]
+
+
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [

@@ -32,7 +32,7 @@ from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.gate import Gate, RenewedSubscription
+from via_ros.gate import LOSSY, Gate, RenewedSubscription
 from via_ros.parameters import declare
 from via_ros.peers import rivalry
 from via_ros.reports import StatusReport, report
@@ -131,11 +131,16 @@ class ControllerNode(LifecycleNode):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self.on_shutdown(state)
 
-    def _tune(self, settings: Any) -> None:
-        """Continue with changed parameters, from the present state."""
-        self._settings = settings
-        if self._entities:
-            self._supervisor = settings.tuned(self._supervisor)
+    def _tune(self, settings: Any) -> Callable[[], None]:
+        """Returns what continues with changed parameters, from the present state."""
+        tuned = settings.tuned(self._supervisor) if self._entities else None
+
+        def put_into_effect() -> None:
+            self._settings = settings
+            if tuned is not None:
+                self._supervisor = tuned
+
+        return put_into_effect
 
     def _set_up(self) -> None:
         self._robot, inputs = self._connect(self._settings)
@@ -166,8 +171,8 @@ class ControllerNode(LifecycleNode):
         subscription = self._creator(self.create_subscription, self.destroy_subscription)
         for kind, topic, callback, profile in inputs:
             subscription(kind, topic, self._gate.message(callback), profile)
-        renewed = RenewedSubscription(self, JointState, JOINT_STATES, self._answer, qos.LOOP)
-        self._entities.append((RenewedSubscription.destroy, renewed))
+        self._samples = RenewedSubscription(self, JointState, JOINT_STATES, self._answer, qos.LOOP)
+        self._entities.append((RenewedSubscription.destroy, self._samples))
         if missing := self._supervisor.limits.unstated:
             self.get_logger().warning(f"{self._robot.name}: its file states no {missing}: not limited")
 
@@ -255,12 +260,16 @@ class ControllerNode(LifecycleNode):
         if not self._entities:  # the timer was due already when its publisher was destroyed
             return
         malformed, silent = self._broken + self._reader.malformed, self._answered == self._reported
+        absent, missing = self._reader.absent(), self._reader.missing()
         rivals, peers = rivalry(self, JOINT_STATES, self._robot.command_name)
         state, now = "active" if self._active else "holding still", time.monotonic()
         rate = (self._answered - self._reported) / max(now - self._last_report, LOOK)
         self._reported, self._last_report = self._answered, now
         conditions = {
             "no samples": silent,
+            LOSSY: self._samples.is_lossy,
+            absent: silent and bool(absent),
+            f"no value of {missing}": bool(missing),
             SLOW: self._gaps > 0,
             STOPPED: self._stopped > 0,
             LATE: self._late > 0,

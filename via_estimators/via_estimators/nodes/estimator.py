@@ -29,7 +29,6 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.errors import ParameterError
-from via_core.text_files import shown
 from via_interfaces.msg import VsaCommand
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
@@ -46,7 +45,6 @@ from via_estimators.nodes.channel import EstimatorChannel
 from via_estimators.nodes.pipeline import REPORT, DevicePipeline
 
 DEFAULT_DEVICE = "cubic_demo"
-MOST_SHOWN = 20  # joint names in a warning
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ class EstimatorNode(Node):
         self._pipeline_of = [
             next(each for each in self.pipelines if channel in each.channels) for channel in self._channels
         ]
-        self._foreign = self._broken = self._turn = 0
+        self._broken = self._turn = 0
         self._share, self._used, self._since = 0.0, time.process_time(), time.monotonic()
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self.create_service(ResetEstimator, "~/reset", partial(_reset, self.pipelines))
@@ -160,11 +158,8 @@ class EstimatorNode(Node):
                 self.get_logger().info(f"first sample of {each.device.name}: {each.method} publishes {each.topics}")
             self._pipeline_of[row].reach(joints.stamp)
             self._channels[row].take(self._reader.rows[row], joints.stamp_bytes)
-        if not rows:
-            if not self._foreign:
-                wanted = ", ".join(f"'{each.device.link_joint}' of '{each.device.name}'" for each in self.pipelines)
-                self.get_logger().warning(f"no {wanted} among: {shown(', '.join(joints.names.joints[:MOST_SHOWN]))}")
-            self._foreign += 1
+        if not rows and self._reader.foreign == 1:
+            self.get_logger().warning(self._reader.absent())
 
     def _report(self) -> None:
         if self._turn == 0:
@@ -173,7 +168,7 @@ class EstimatorNode(Node):
             self._used, self._since = used, now
         pipeline = self.pipelines[self._turn]
         self._turn = (self._turn + 1) % len(self.pipelines)
-        report(self, self._reports, pipeline.report(self._foreign, self._broken, self._share))
+        report(self, self._reports, pipeline.report(self._broken, self._samples.is_lossy, self._share))
 
 
 def _names(own: NodeParameters) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ from via_interfaces.msg import PayloadEstimate
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
 from via_ros.conversions import JointReader, set_stamp
-from via_ros.gate import RenewedSubscription
+from via_ros.gate import LOSSY, RenewedSubscription
 from via_ros.parameters import declare
 from via_ros.reports import StatusReport, report
 from via_ros.serialised import JOINT_STATES, JointStateDecoder
@@ -96,9 +96,13 @@ class PayloadNode(Node):
     def _report(self) -> None:
         health, count = self._live.health(), self._message.sequence - self._reported
         self._reported = self._message.sequence
+        missing = self._reader.missing(0)
         malformed = self._broken + self._reader.malformed[0]
         conditions = {
             "no samples": count == 0,
+            LOSSY: self._samples.is_lossy,
+            self._reader.absent(): self._reader.foreign > 0 and count == 0,
+            f"no value of {missing}": bool(missing) and self._message.status == Status.BAD_SAMPLE,
             "impossible payload: check signs and units of efforts, and the arm file":
                 health.status is Status.IMPLAUSIBLE,
         }  # fmt: skip

@@ -48,7 +48,7 @@ class MonitorNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("gap_monitor", **options)
-        own = declare(self, MonitorParameters, changed=lambda parameters: self.monitor.change(parameters))
+        own = declare(self, MonitorParameters, changed=lambda parameters: self.monitor.changed(parameters))
         device = load_device(own.device)
         self.monitor = Monitor(device, own, self.resolve_topic_name(own.joint_topic))
         self._reader = RowReader([(device, self.monitor.columns)])

@@ -14,7 +14,7 @@ Times `now` are seconds of a steady clock. A report's fitted device parameters r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,7 +66,7 @@ class Monitor:
     """
 
     def __init__(self, device: Device, parameters: MonitorParameters, joint_topic: str) -> None:
-        self.change(parameters)
+        self.changed(parameters)()
         self._joint_topic = joint_topic
         warm_up(device)
         self.device = self.model = device
@@ -84,13 +84,17 @@ class Monitor:
         self._restarts = self._compared = 0  # restarts of the clock handled, samples at the last comparison
         self._received = self._due = float("-inf")  # [s] last sample, next automatic diagnosis
 
-    def change(self, parameters: MonitorParameters) -> None:
-        """Continue with these parameters. Raises ParameterError if `recent` exceeds the window."""
+    def changed(self, parameters: MonitorParameters) -> Callable[[], None]:
+        """Returns what puts these parameters into effect. Raises ParameterError if `recent` exceeds the window."""
         if parameters.recent > parameters.window:
             raise ParameterError(
                 f"parameter recent must lie in [0.5, {parameters.window:g}] s, got {parameters.recent:g}"
             )
-        self._parameters = parameters
+
+        def put_into_effect() -> None:
+            self._parameters = parameters
+
+        return put_into_effect
 
     def sample(self, stamp: int, row: Array, now: float) -> None:
         """Take a sample (c,) with its stamp [ns], received at `now` [s]."""
