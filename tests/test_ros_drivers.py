@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -17,10 +18,7 @@ from via_ros.conversions import JointStateWriter
 from via_ros.gate import LOSSY, Gate, RenewedSubscription
 
 DEVICE = load_device("qbmove_a")
-NODE_KINDS = {
-    "estimator": lambda **options: EstimatorNode(**options),
-    "excitation": NODES["excitation"],
-}
+NODE_KINDS = {"estimator": EstimatorNode, "excitation": NODES["excitation"]}
 
 
 @pytest.mark.parametrize("reliable_first", [False, True])
@@ -94,21 +92,17 @@ def test_a_best_effort_driver_is_named_in_the_diagnostics(graph, kind):
 
 
 def test_refusals_at_the_rate_of_the_messages_do_not_fill_the_log(monkeypatch):
-    class Logger:
-        lines = []
-
-        def warning(self, text):
-            self.lines.append(text)
+    lines = []
 
     def refuse(message):
         raise ParameterError(f"{message} rad is out of reach")
 
     now = [0.0]
     monkeypatch.setattr(gate.time, "monotonic", lambda: now[0])
-    checked = Gate(Logger())
+    checked = Gate(SimpleNamespace(warning=lines.append))
     take = checked.message(refuse)
     for tick in range(2500):
         now[0] = 1e-3 * tick
         take(tick)
     assert (checked.refused, checked.reason) == (2500, "2499 rad is out of reach")
-    assert Logger.lines == [f"refused: {tick} rad is out of reach" for tick in (0, 1000, 2000)]
+    assert lines == [f"refused: {tick} rad is out of reach" for tick in (0, 1000, 2000)]
