@@ -6,6 +6,7 @@ import os
 import resource
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,9 +22,10 @@ from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import BagError, ParameterError
 from via_estimators.nodes.estimator import EstimatorNode
+from via_estimators.nodes.pipeline import DevicePipeline
 from via_interfaces.msg import DampingEstimate, StiffnessEstimate, VsaCommand
 from via_ros import qos
-from via_ros.conversions import set_stamp
+from via_ros.conversions import RowReader, set_stamp
 from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder
 from via_sim.nodes.simulator import SimulatorNode
@@ -128,6 +130,18 @@ def test_a_command_from_the_far_future_does_not_block_the_next(graph):
     graph.until(lambda: len(heard) == 1)
     assert [each.header.stamp.sec for each in node.pipelines[0].pending] == [0, 2**31 - 1]
     graph.until(lambda: peer.reported("refused commands") == "1")
+
+
+def test_commands_of_a_bag_that_is_played_again_are_not_late():
+    columns = ("q", "equilibrium")
+    channel = SimpleNamespace(device=SERVO, live=SimpleNamespace(estimator=SimpleNamespace(inputs=columns)))
+    reader = RowReader([(SERVO, columns)])
+    pipeline = DevicePipeline([channel], [0], reader)
+    for tick in (1, 9, 1, 2):
+        pipeline.hold(command(tick, equilibrium=0.1 * tick))
+        pipeline.reach(tick * PERIOD)
+        assert reader.rows[0][0, 2] == 0.1 * tick
+    assert pipeline._late == 1  # the first one after the jump, before a sample has shown it
 
 
 def test_commands_without_a_later_sample_are_discarded(graph, monkeypatch):

@@ -146,9 +146,9 @@ def test_a_message_with_a_million_names_is_not_decoded(graph, capfd):
     peer.samples.publish(JointState(name=[f"\x1b[2J{k}" for k in range(200)]))
     peer.samples.publish(peer.writer.stamped(1))
     graph.until(lambda: len(heard) == 1)
-    assert estimator._broken == 2 and estimator._foreign == 1
+    assert estimator._broken == 2 and estimator._reader.foreign == 1
     errors = capfd.readouterr().err
-    assert "\x1b[2J" not in errors and "␛[2J19" in errors and "20" not in errors.partition("among")[2].split(",")
+    assert "\x1b[2J" not in errors and "␛[2J19" in errors and "20" not in errors.partition(" in ")[2].split(",")
 
 
 def test_transitions_while_samples_arrive_do_not_end_a_controller(graph):

@@ -7,7 +7,9 @@ import signal
 import stat
 import subprocess
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import pytest
 import rclpy
@@ -210,10 +212,10 @@ class Parameters:
 def test_parameters_are_listed_described_read_and_changed(graph):
     node, taken = graph.node("tuned"), []
 
-    def take(parameters: Parameters) -> None:
+    def take(parameters: Parameters) -> Callable[[], None]:
         if parameters.level == 0.25:
             raise ParameterError("a quarter is never enough")
-        taken.append(parameters)
+        return partial(taken.append, parameters)
 
     declare(node, Parameters, changed=take)
     assert {"level", "mode"} <= set(via(graph, "param", "list", "/tuned").out.split())

@@ -15,11 +15,15 @@ from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.errors import BagError, ParameterError
 from via_core.wire import SECOND, seconds
+from via_interfaces import msg
 from via_interfaces.msg import DampingEstimate, GapStatus, StiffnessEstimate, VsaCommand
 from via_ros.conversions import (
     Command,
     JointStateWriter,
+    Names,
+    RowReader,
     command_of,
+    joints_of,
     nanoseconds,
     set_stamp,
 )
@@ -152,10 +156,33 @@ def test_stamp_and_sequence_are_read_without_decoding(kind, time, sequence, fram
     assert stamp_of(data) == time
 
 
-def test_every_numbered_type_begins_with_header_and_sequence():
-    for name in NUMBERED:
-        fields = list(message_class(name).get_fields_and_field_types().items())
-        assert fields[:2] == [("header", "std_msgs/Header"), ("sequence", "uint64")]
+def test_every_type_with_a_sequence_number_is_numbered():
+    """A recorder counts losses of these only."""
+    assert "via_interfaces/msg/PayloadEstimate" in NUMBERED
+    for name in (name for name in vars(msg) if name[0].isupper()):
+        fields = list(getattr(msg, name).get_fields_and_field_types().items())
+        numbered = f"via_interfaces/msg/{name}" in NUMBERED
+        assert numbered == ("sequence" in dict(fields))
+        assert not numbered or fields[:2] == [("header", "std_msgs/Header"), ("sequence", "uint64")]
+
+
+def test_what_messages_lack_is_named():
+    reader, names = RowReader([(DEVICE, COLUMNS)]), [DEVICE.link_joint, *DEVICE.motor_joints]
+
+    def read(names, **fields):
+        reader.read(joints_of(JointState(name=names, **fields), Names(())))
+
+    assert reader.absent() == reader.missing(0) == ""
+    read(["elbow", "wrist"], position=[0.0, 0.0])
+    assert reader.foreign == 1 and reader.absent() == f"no {DEVICE.link_joint} in elbow, wrist"
+    assert reader.missing(0) == ""
+    read(names, position=[0.0] * 3, velocity=[0.0] * 3, effort=[0.0, 0.0, np.nan])
+    assert reader.missing(0) == f"effort of {names[2]}"
+    read(names[:2], position=[0.0] * 2, effort=[0.0] * 2)
+    lacks = [("position", 2), ("effort", 2), ("velocity", 0), ("velocity", 2)]
+    assert reader.missing(0) == ", ".join(f"{field} of {names[at]}" for field, at in lacks)
+    read([f"{k}\x1b" for k in range(30)])
+    assert reader.absent().endswith("19␛, ...")
 
 
 @pytest.mark.parametrize("name", ["", "via_interfaces", "via_interfaces/msg/None", "no_msgs/msg/Thing", "a/b/c/d"])

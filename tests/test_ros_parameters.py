@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import pytest
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from via_core.errors import ParameterError
@@ -81,6 +82,59 @@ def test_parameters_cannot_be_changed_at_run_time(declared):
     node, built = declared()
     assert not node.set_parameters([Parameter("rate", value=2.0)])[0].successful
     assert built.rate == node.get_parameter("rate").value == 1.0
+
+
+@dataclass(frozen=True)
+class Tuned:
+    gain: float = field(default=1.0, metadata={"description": "gain", "range": (0.0, 10.0), "live": True})
+    limit: float = field(default=2.0, metadata={"description": "limit", "live": True})
+
+
+def live(node):
+    """Declare live parameters; returns a list of those in effect."""
+    effective = []
+
+    def changed(parameters):
+        if parameters.gain > parameters.limit:
+            raise ParameterError("gain exceeds limit")
+        return partial(effective.append, parameters)
+
+    effective.append(declare(node, Tuned, changed=changed))
+    return effective
+
+
+def values_of(**values):
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def test_live_parameters_of_one_request_take_effect_together(graph):
+    node = graph.node("tuned")
+    effective = live(node)
+    assert node.set_parameters_atomically(values_of(gain=5.0, limit=6)).successful
+    assert effective[1:] == [Tuned(5.0, 6.0)]
+    refused = node.set_parameters_atomically(values_of(gain=3.0, limit=2.0))
+    assert (refused.successful, refused.reason) == (False, "gain exceeds limit")
+    assert node.set_parameters(values_of(gain=4.0))[0].successful
+    assert effective[1:] == [Tuned(5.0, 6.0), Tuned(4.0, 6.0)]
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_a_request_that_another_part_of_the_node_refuses_changes_nothing(graph, before):
+    """A user's node derived from ours has callbacks of its own, which ROS calls before or after."""
+
+    def refuse_four(given):
+        return SetParametersResult(successful=all(each.value != 4.0 for each in given))
+
+    node = graph.node("tuned")
+    if before:
+        node.add_on_set_parameters_callback(refuse_four)
+    effective = live(node)
+    if not before:
+        node.add_on_set_parameters_callback(refuse_four)
+    assert not node.set_parameters_atomically(values_of(gain=1.5, limit=4.0)).successful
+    assert node.get_parameter("gain").value == 1.0 and len(effective) == 1
+    assert node.set_parameters(values_of(limit=3.0))[0].successful
+    assert effective[1:] == [Tuned(1.0, 3.0)]
 
 
 @pytest.mark.parametrize(

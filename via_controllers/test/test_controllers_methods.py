@@ -32,7 +32,7 @@ def test_default_parameters_build_the_controller(name):
     if isinstance(robot, ControlledJoint):
         controller = controller.controller
     assert isinstance(controller, KINDS[name])
-    assert robot.command_topic == f"/{robot.name}/command"
+    assert robot.command_name == f"{robot.name}/command"
     supervisor = robot.supervisor
     state, answer = supervisor.step(supervisor.init(), robot.zero_sample(0.0), active=True)
     limits = supervisor.limits.arm

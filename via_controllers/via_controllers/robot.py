@@ -11,7 +11,7 @@ from via_core.errors import ParameterError
 from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
-from via_core.wire import command_topic
+from via_core.wire import command_name
 
 from via_controllers.contract import ArmController, ArmSample, JointSample
 from via_controllers.joint_axes import JointAxes
@@ -32,9 +32,9 @@ class ControlledArm:
     damping = 0.0  # an arm has no dampers
 
     @property
-    def command_topic(self) -> str:
-        """Topic of the arm's commands."""
-        return command_topic(self.name)
+    def command_name(self) -> str:
+        """Topic of the arm's commands, relative to the namespace of its nodes."""
+        return command_name(self.name)
 
     def zero_sample(self, time: float) -> ArmSample:
         """A sample at `time` [s] with every value zero, to load compiled functions with."""
@@ -64,9 +64,9 @@ class ControlledJoint:
         return self.axes.damping
 
     @property
-    def command_topic(self) -> str:
-        """Topic of the device's commands."""
-        return self.axes.device.command_topic
+    def command_name(self) -> str:
+        """Topic of the device's commands, as in `Device`."""
+        return self.axes.device.command_name
 
     def zero_sample(self, time: float) -> JointSample:
         """A sample at `time` [s] with every angle zero, to load compiled functions with."""

@@ -42,7 +42,7 @@ from via_core.problems import problems
 from via_core.signals import Array
 from via_core.springs import SpringLaw
 from via_core.text_files import read_text, read_yaml
-from via_core.wire import DRIVE, MOTOR, command_topic, link_name, motor_name
+from via_core.wire import DRIVE, MOTOR, command_name, link_name, motor_name
 
 MOTORS = {"rigid": 0, "flexible": 1, "antagonistic": 2, "serial": 2}
 SPRINGS = {"rigid": 0, "flexible": 1, "antagonistic": 2, "serial": 1}
@@ -145,8 +145,14 @@ class Device(Described):
         return self.drive_joints[: self.n_motors]
 
     @property
+    def command_name(self) -> str:
+        """Topic of the commands as nodes use it: relative to their namespace unless it begins with a slash."""
+        return self.wire.command or command_name(self.name)
+
+    @property
     def command_topic(self) -> str:
-        return self.wire.command or command_topic(self.name)
+        """Topic of the commands in a bag of nodes without a namespace."""
+        return self.command_name if self.command_name.startswith("/") else f"/{self.command_name}"
 
     def motor_angles(self, equilibrium: ArrayLike, preset: ArrayLike = 0.0) -> Array:
         """Motor angles (..., m) [rad] at rest: antagonistic eq +- preset, serial (eq, preset), flexible (eq,)."""

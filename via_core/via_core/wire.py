@@ -50,6 +50,6 @@ def motor_name(device: str, number: int) -> str:
     return f"{device}_motor_{number}_joint"
 
 
-def command_topic(name: str) -> str:
-    """Default topic of the commands of a device or an arm."""
-    return f"/{name}/command"
+def command_name(name: str) -> str:
+    """Default topic of the commands of a device or an arm, relative to the namespace of its nodes."""
+    return f"{name}/command"

@@ -8,8 +8,8 @@ Missing values are NaN, never 0. Values keep every bit.
 from __future__ import annotations
 
 import array
-from collections.abc import Sequence
-from math import isfinite
+from collections.abc import Iterable, Sequence
+from math import isfinite, isnan
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +18,14 @@ from sensor_msgs.msg import JointState
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
+from via_core.text_files import shown
 from via_core.wire import FIELDS, LINK, MOTOR, REFERENCES, SECOND, link_name, motor_name, seconds
 from via_interfaces.msg import VsaCommand
 
 from via_ros.interfaces import STAMP
 
 MOST_NAMES = 64  # largest number of different name lists cached
+MOST_SHOWN = 20  # joints in a warning
 
 
 def nanoseconds(stamp: Time) -> int:
@@ -99,6 +101,7 @@ class JointReader:
                message that names the wanted joints: copy to keep
     malformed  per row the number of arrays whose length differs from that of the names; their values become NaN
     origins    [ns] per row the stamp of the first message
+    foreign    number of messages that updated no row
     """
 
     def __init__(self, wanted: Sequence[tuple[Sequence[str], Sequence[tuple[str, str] | None]]]) -> None:
@@ -108,6 +111,8 @@ class JointReader:
         self.rows = np.split(self._flat, self._starts[1:-1])
         self.malformed = [0] * len(wanted)
         self.origins: list[int | None] = [None] * len(wanted)
+        self.foreign = 0
+        self._latest_foreign = Names(())
         self._plans: dict[Names, _Plan] = {}
 
     def read(self, joints: Joints) -> list[int]:
@@ -118,6 +123,8 @@ class JointReader:
                 self._plans.clear()
             plan = self._plans[joints.names] = self._planned(joints.names.joints)
         if not plan.rows:
+            self.foreign += 1
+            self._latest_foreign = joints.names
             return plan.rows
         for row in plan.rows:
             origin = self.origins[row]
@@ -138,6 +145,22 @@ class JointReader:
             self._flat[plan.absent] = np.nan
         return plan.rows
 
+    def absent(self) -> str:
+        """What the last message that updated no row lacks, beside what it has; '' without such a message."""
+        if not self.foreign:
+            return ""
+        there = self._latest_foreign.joints
+        lacks = dict.fromkeys(joint for needed, _ in self._wanted for joint in needed if joint not in there)
+        return shown(f"no {_listed(lacks)} in {_listed(there) or 'a message without joints'}")
+
+    def missing(self, row: int, required: int | None = None) -> str:
+        """The values that the last message of a row lacks among the first `required` ones, '' if it has them."""
+        if self.origins[row] is None:
+            return ""
+        pairs = list(zip(self._wanted[row][1], self.rows[row][1:], strict=True))[:required]
+        lacks = [entry for entry, value in pairs if entry and isnan(value)]
+        return shown(_listed([f"{field} of {joint}" for field, joint in lacks]))
+
     def _planned(self, names: tuple[str, ...]) -> _Plan:
         first = {name: at for at, name in reversed(list(enumerate(names)))}
         rows = [row for row, (needed, _) in enumerate(self._wanted) if first.keys() >= set(needed)]
@@ -155,6 +178,12 @@ class JointReader:
                 fields.append((field, np.array(places), np.array(indices), sorted(set(of))))
         absent = np.array([at for _, at, _, joint in entries if joint not in first], dtype=np.intp)
         return _Plan(rows, fields, absent)
+
+
+def _listed(names: Iterable[str]) -> str:
+    """The first MOST_SHOWN names."""
+    names = list(names)
+    return ", ".join([*names[:MOST_SHOWN], *(["..."] if len(names) > MOST_SHOWN else [])])
 
 
 class _Plan(NamedTuple):
@@ -187,6 +216,12 @@ class RowReader:
         self.malformed = self._joints.malformed
         self.origins = self._joints.origins
         self.read = self._joints.read  # indices of the rows updated by the contents of a JointState
+        self.absent, self.missing = self._joints.absent, self._joints.missing
+
+    @property
+    def foreign(self) -> int:
+        """As of `JointReader`."""
+        return self._joints.foreign
 
     def forget(self, row: int) -> None:
         """Reset the row: no origin of time, no command."""

@@ -3,7 +3,11 @@
 A callback behind the gate may raise for a message that it cannot use: a status that does not exist, a duration that
 overflows, a reference out of reach. Messages that are never decoded because of their size: see `serialised`.
 
-RenewedSubscription survives a message that the middleware cannot deliver. A serialised message of zero bytes is such:
+RenewedSubscription takes samples whatever the quality of service (QoS) of their publishers: many drivers publish with
+the best-effort profile of sensors, which a reliable reader does not receive. It becomes the strictest reader that all
+publishers suit, and `is_lossy` shows it.
+
+It also survives a message that the middleware cannot deliver. A serialised message of zero bytes is such:
 Fast DDS 2.14 neither delivers it nor skips it, and a reliable reader receives nothing more until the writer's history
 has been replaced, seconds later. When a stream falls silent, a second reader without reliability listens too. If it
 hears what the first one does not, the first one is replaced.
@@ -12,29 +16,39 @@ hears what the first one does not, the first one is replaced.
 from __future__ import annotations
 
 import struct
+import time
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from via_core.errors import ViaError
 from via_core.text_files import shown
 
+from via_ros import qos
 from via_ros.spin import STEADY
 
 # What the content of a message can cause; any other exception is a fault of the program.
 BAD = (ViaError, ValueError, ArithmeticError, struct.error)
+LOGGED = 1.0  # [s] between two reasons in the log
 LOOK = 0.1  # [s] between two checks of a subscription
+LOSSY = "messages are published best effort, so that some can be lost: publish reliably"
 QUIET = 2  # checks without a message after which the second reader listens
 HEARD = 2  # checks in which only the second reader heard something
 
 
 class Gate:
-    """Counts what the callbacks of a node refuse; the reason of each first refusal in a row is logged."""
+    """Counts what the callbacks of a node refuse; new reasons are logged, one per LOGGED at most.
+
+    A reason may contain the refused number, which can change with every message.
+    """
 
     def __init__(self, logger: Any) -> None:
         self.refused = 0
         self.reason = ""  # of the last refusal
         self._logger = logger
+        self._logged = -inf  # [s] steady clock
 
     def message(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """The callback of a subscription."""
@@ -63,13 +77,15 @@ class Gate:
     def _refuse(self, error: Exception) -> None:
         self.refused += 1
         reason = shown(" ".join(str(error).split())[:200]) or type(error).__name__
-        if reason != self.reason:
+        now = time.monotonic()
+        if reason != self.reason and now - self._logged >= LOGGED:
+            self._logged = now
             self._logger.warning(f"refused: {reason}")
         self.reason = reason
 
 
 class RenewedSubscription:
-    """A raw subscription of `node`; `renewals` counts the replacements."""
+    """A raw subscription of `node`; `renewals` counts the replacements, `is_lossy`: publishers do not send again."""
 
     def __init__(
         self, node: Any, kind: Any, topic: str, callback: Callable[[bytes], None], profile: QoSProfile
@@ -78,8 +94,8 @@ class RenewedSubscription:
         self.renewals = 0
         self._heard = self._before = self._quiet = self._missed = 0
         self._second: Any = None
-        self._destroyed = False
-        self._first = node.create_subscription(kind, topic, self._take, profile, raw=True)
+        self._destroyed = self._refused = self.is_lossy = False
+        self._first = self._subscription(profile)
         self._timer = node.create_timer(LOOK, self._look, clock=STEADY)
 
     @property
@@ -104,6 +120,8 @@ class RenewedSubscription:
     def _look(self) -> None:
         if self._destroyed:  # by a callback that ran after this timer had been found ready
             return
+        if self._refused:
+            self._suit_publishers()
         heard, self._before = self._heard - self._before, self._heard
         if heard or not self._heard:
             self._quiet = self._missed = 0
@@ -115,11 +133,34 @@ class RenewedSubscription:
             loose = QoSProfile(depth=profile.depth, reliability=ReliabilityPolicy.BEST_EFFORT)
             self._second = self._node.create_subscription(kind, topic, self._overhear, loose, raw=True)
         if self._missed >= HEARD:
-            self._node.destroy_subscription(self._first)
-            self._first = self._node.create_subscription(kind, topic, self._take, profile, raw=True)
-            self.renewals += 1
+            self._replace(profile)
             self._missed = 0
             self._drop_second()
+
+    def _subscription(self, profile: QoSProfile) -> Any:
+        def refuse(_: Any) -> None:
+            self._refused = True
+
+        kind, topic, _, _ = self._given
+        events = SubscriptionEventCallbacks(incompatible_qos=refuse)
+        return self._node.create_subscription(kind, topic, self._take, profile, event_callbacks=events, raw=True)
+
+    def _replace(self, profile: QoSProfile) -> None:
+        self._node.destroy_subscription(self._first)
+        self._first = self._subscription(profile)
+        self.renewals += 1
+
+    def _suit_publishers(self) -> None:
+        """Subscribe with the strictest QoS that all publishers offer."""
+        kind, topic, callback, profile = self._given
+        offers = self._node.get_publishers_info_by_topic(topic)
+        suited = qos.matching([each.qos_profile for each in offers], profile.depth)
+        if suited.reliability == profile.reliability:  # the graph does not show that publisher yet, or any more
+            return
+        self._refused, self.is_lossy = False, True
+        self._given = kind, topic, callback, suited
+        self._replace(suited)
+        self._node.get_logger().warning(f"{self.topic_name}: {LOSSY}")
 
     def _overhear(self, _: bytes) -> None:
         if self._second is not None:

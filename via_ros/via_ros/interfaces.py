@@ -7,13 +7,16 @@ import struct
 from importlib import import_module
 from typing import Any
 
+import via_interfaces.msg
 from via_core.errors import BagError
 from via_core.wire import SECOND
 
 # These types begin with `std_msgs/Header header` and `uint64 sequence`.
+NUMBERING = [("header", "std_msgs/Header"), ("sequence", "uint64")]
 NUMBERED = frozenset(
     f"via_interfaces/msg/{name}"
-    for name in ("StiffnessEstimate", "DampingEstimate", "MotorEstimate", "VsaCommand", "GapStatus", "ControlState")
+    for name, kind in vars(via_interfaces.msg).items()
+    if list(getattr(kind, "get_fields_and_field_types", dict)().items())[:2] == NUMBERING
 )
 ENCAPSULATION = 4  # [bytes] header of a serialised message; alignment is relative to its end
 STAMP, SEQUENCE = struct.Struct("<iI"), struct.Struct("<Q")

@@ -26,11 +26,12 @@ T = TypeVar("T")
 WHOLE = 2**63 - 1  # bounds of a ROS integer parameter
 
 
-def declare(node: Any, kind: type[T], prefix: str = "", changed: Callable[[T], None] | None = None) -> T:
+def declare(node: Any, kind: type[T], prefix: str = "", changed: Callable[[T], Callable[[], None]] | None = None) -> T:
     """Declare one parameter per field of the dataclass `kind` and return an instance with their values.
 
     prefix   prepended to the names with a dot, for nodes with several sets
-    changed  called with new parameters when a live one is set while the node runs; a ViaError refuses them
+    changed  called with new parameters when a live one is set while the node runs; returns what puts them into effect
+             once ROS has accepted all parameters of the request; a ViaError refuses them
 
     Every field needs a default of the parameter's type: float, int, bool, str, or a tuple of one of these.
     Raises ParameterError with the name of the parameter, its value and the allowed range.
@@ -52,12 +53,17 @@ def declare(node: Any, kind: type[T], prefix: str = "", changed: Callable[[T], N
     return declared
 
 
-def _take_changes(node: Any, declared: Any, prefix: str, changed: Callable[[Any], None]) -> None:
-    """Call `changed` whenever live parameters of the instance `declared` are set."""
+def _take_changes(node: Any, declared: Any, prefix: str, changed: Callable[[Any], Callable[[], None]]) -> None:
+    """Call `changed` whenever live parameters of the instance `declared` are set.
+
+    Another callback, of ROS or of the user's node, may refuse the request afterwards: nothing changes before all have
+    agreed.
+    """
     live = {f"{prefix}{item.name}": item for item in fields(declared) if item.metadata.get("live")}
-    present = [declared]
+    present, agreed = [declared], list[tuple[Any, Callable[[], None]]]()
 
     def consider(given: list[Any]) -> SetParametersResult:
+        agreed.clear()
         mine = {each.name: each.value for each in given if each.name in live}
         try:
             values = {
@@ -66,13 +72,19 @@ def _take_changes(node: Any, declared: Any, prefix: str, changed: Callable[[Any]
             }
             if values:
                 new = replace(present[0], **values)
-                changed(new)
-                present[0] = new
+                agreed.append((new, changed(new)))
         except ViaError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
+    def conclude(_: list[Any]) -> None:
+        for new, put_into_effect in agreed:
+            present[0] = new
+            put_into_effect()
+        agreed.clear()
+
     node.add_on_set_parameters_callback(consider)
+    node.add_post_set_parameters_callback(conclude)
 
 
 def _declared(node: Any, name: str, default: Any, about: Mapping[str, Any], fixed: bool) -> Any:

@@ -35,9 +35,9 @@ def drivers(node: Any, joint_topic: str, command_topic: str) -> list[str]:
     return [name for name in _names(node.get_subscriptions_info_by_topic(command_topic)) if name in talking]
 
 
-def rivalry(node: Any, command_topic: str) -> tuple[dict[str, bool], dict[str, str]]:
+def rivalry(node: Any, joint_topic: str, command_topic: str) -> tuple[dict[str, bool], dict[str, str]]:
     """Warnings about several commanders or drivers of the joints, and the names of all, for diagnostics."""
-    found = {"commanders": commanders(node, command_topic), "drivers": drivers(node, "/joint_states", command_topic)}
+    found = {"commanders": commanders(node, command_topic), "drivers": drivers(node, joint_topic, command_topic)}
     warnings = {f"{len(names)} {what}: {', '.join(names[:MOST])}": len(names) > 1 for what, names in found.items()}
     return warnings, {what: ", ".join(names) for what, names in found.items()}
 
@@ -65,7 +65,8 @@ class CommandOrigin:
 class DriverOrigin:
     """Whether another node publishes samples of the joints of `node`; it listens only if the graph has another driver.
 
-    joints  names of the own joints
+    joint_topic, command_topic  resolved names: rclpy does not remap those whose publishers it counts
+    joints                      names of the own joints
     """
 
     def __init__(self, node: Any, joint_topic: str, command_topic: str, joints: Sequence[str]) -> None:

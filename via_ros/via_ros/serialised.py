@@ -36,6 +36,7 @@ from via_ros.conversions import (
 )
 from via_ros.interfaces import ENCAPSULATION, HEADER, SEQUENCE, STAMP, aligned, stamp_bytes
 
+JOINT_STATES = "joint_states"  # topic of the samples, relative to the namespace of the nodes
 NATIVE = b"\x00\x01"  # plain CDR, little endian
 LENGTH = struct.Struct("<I")
 COMMAND = struct.Struct("<QB7x3dI")  # VsaCommand after its header: sequence number to number of motors

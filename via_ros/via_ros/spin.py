@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import rclpy
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -34,6 +35,11 @@ FOREVER = 1e6  # [s]
 PATIENCE = 0.1  # [s] longest interval between two evaluations of a condition
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # for housekeeping timers: simulated time can stop
 EXECUTORS = {"events": EventsExecutor, "single": SingleThreadedExecutor}
+EXECUTOR = ParameterDescriptor(
+    description="executor of the node; events: fast, single: of rclpy",
+    read_only=True,
+    additional_constraints=f"one of: {', '.join(EXECUTORS)}",
+)
 LAST_DOMAIN = 232  # higher ones have no valid ports: DDS would terminate the process without a Python error
 # Errors of ROS for invalid arguments, names, parameters and environment.
 REFUSALS = (rclpy_implementation.RCLError, NameValidationException, ParameterException)
@@ -142,7 +148,7 @@ def _set_up(make_node: Callable[[], Any], args: list[str] | None, nodes: list[An
         nodes.append(node)
         if hasattr(node, "finished"):
             node.finished.add_done_callback(lambda done: ended.set_result(done.result()))
-        executor = make_executor(node.declare_parameter("executor", "events").value)
+        executor = make_executor(node.declare_parameter("executor", "events", EXECUTOR).value)
         executor.add_node(node)
         _warn_of_unknown_parameters(node)
         _name_defaults(node)

@@ -38,9 +38,9 @@ class AdaptiveLimitCycleNode(ControllerNode):
         if not isinstance(controller, AdaptiveLimitCycle):
             return robot, ()
         self._controller = controller
-        inputs: list[Input] = [(PayloadEstimate, f"/{robot.name}/payload", self._payload, qos.SAMPLES)]
+        inputs: list[Input] = [(PayloadEstimate, f"{robot.name}/payload", self._payload, qos.SAMPLES)]
         for joint, name in enumerate(robot.joints):
-            inputs.append((StiffnessEstimate, f"/{name}/stiffness", partial(self._stiffness, joint), qos.SAMPLES))
+            inputs.append((StiffnessEstimate, f"{name}/stiffness", partial(self._stiffness, joint), qos.SAMPLES))
         return robot, tuple(inputs)
 
     def _payload(self, message: PayloadEstimate) -> None:

@@ -35,4 +35,4 @@ class CommandedTorqueNode(ControllerNode):
             torque = efforts_of(message, joints)
             self.update(lambda state: controller.with_torque(state, torque))
 
-        return robot, ((JointState, f"/{robot.name}/joint_commands", command, qos.LOOP),)
+        return robot, ((JointState, f"{robot.name}/joint_commands", command, qos.LOOP),)

@@ -32,11 +32,11 @@ from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.gate import Gate, RenewedSubscription
+from via_ros.gate import LOSSY, Gate, RenewedSubscription
 from via_ros.parameters import declare
 from via_ros.peers import rivalry
-from via_ros.reports import report, status_of
-from via_ros.serialised import JointStateDecoder, raw
+from via_ros.reports import StatusReport, report
+from via_ros.serialised import JOINT_STATES, JointStateDecoder, raw
 from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
@@ -131,11 +131,16 @@ class ControllerNode(LifecycleNode):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self.on_shutdown(state)
 
-    def _tune(self, settings: Any) -> None:
-        """Continue with changed parameters, from the present state."""
-        self._settings = settings
-        if self._entities:
-            self._supervisor = settings.tuned(self._supervisor)
+    def _tune(self, settings: Any) -> Callable[[], None]:
+        """Returns what continues with changed parameters, from the present state."""
+        tuned = settings.tuned(self._supervisor) if self._entities else None
+
+        def put_into_effect() -> None:
+            self._settings = settings
+            if tuned is not None:
+                self._supervisor = tuned
+
+        return put_into_effect
 
     def _set_up(self) -> None:
         self._robot, inputs = self._connect(self._settings)
@@ -147,6 +152,7 @@ class ControllerNode(LifecycleNode):
         self._answered = self._unusable = self._reported = self._silences = self._broken = self._stopped = 0
         self._faults: dict[str, bool] = {}  # since the last report
         self._gate = Gate(self.get_logger())
+        self._status = StatusReport(self, self._robot.name)
         self._last_report = time.monotonic()  # [s]
         self._limited = self._gaps = self._late = 0  # since the last report: bits of Limit, and numbers
         self._warned = False  # of the present gaps
@@ -156,8 +162,8 @@ class ControllerNode(LifecycleNode):
         self._lateness = Lateness()
         self._last: int | None = None  # [ns] stamp of the last sample
         publisher = self._creator(self.create_publisher, self.destroy_publisher)
-        self._publish_command = raw(publisher(VsaCommand, self._robot.command_topic, qos.SAMPLES))
-        self._publish_state = raw(publisher(ControlState, f"/{self._robot.name}/control", qos.SAMPLES))
+        self._publish_command = raw(publisher(VsaCommand, self._robot.command_name, qos.SAMPLES))
+        self._publish_state = raw(publisher(ControlState, f"{self._robot.name}/control", qos.SAMPLES))
         self._reports = publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         timer = self._creator(self.create_timer, self.destroy_timer)
         timer(REPORT, self._report, clock=STEADY)
@@ -165,8 +171,8 @@ class ControllerNode(LifecycleNode):
         subscription = self._creator(self.create_subscription, self.destroy_subscription)
         for kind, topic, callback, profile in inputs:
             subscription(kind, topic, self._gate.message(callback), profile)
-        renewed = RenewedSubscription(self, JointState, "/joint_states", self._answer, qos.LOOP)
-        self._entities.append((RenewedSubscription.destroy, renewed))
+        self._samples = RenewedSubscription(self, JointState, JOINT_STATES, self._answer, qos.LOOP)
+        self._entities.append((RenewedSubscription.destroy, self._samples))
         if missing := self._supervisor.limits.unstated:
             self.get_logger().warning(f"{self._robot.name}: its file states no {missing}: not limited")
 
@@ -254,23 +260,29 @@ class ControllerNode(LifecycleNode):
         if not self._entities:  # the timer was due already when its publisher was destroyed
             return
         malformed, silent = self._broken + self._reader.malformed, self._answered == self._reported
-        rivals, peers = rivalry(self, self._robot.command_topic)
-        now = time.monotonic()
+        absent, missing = self._reader.absent(), self._reader.missing()
+        rivals, peers = rivalry(self, JOINT_STATES, self._robot.command_name)
+        state, now = "active" if self._active else "holding still", time.monotonic()
         rate = (self._answered - self._reported) / max(now - self._last_report, LOOK)
         self._reported, self._last_report = self._answered, now
         conditions = {
             "no samples": silent,
+            LOSSY: self._samples.is_lossy,
+            absent: silent and bool(absent),
+            f"no value of {missing}": bool(missing),
             SLOW: self._gaps > 0,
-            "malformed messages": malformed > 0,
-            f"refused messages: {self._gate.reason}": self._gate.refused > 0,
             STOPPED: self._stopped > 0,
             LATE: self._late > 0,
             **self._faults,
             **rivals,
             "at a limit": self._limited != 0,
         }
+        events = {
+            "malformed messages": malformed,
+            f"refused messages: {self._gate.reason}": self._gate.refused,
+        }
         values = {
-            "samples": self._answered, "rate [Hz]": f"{rate:g}", "unusable samples": self._unusable,
+            "state": state, "samples": self._answered, "rate [Hz]": f"{rate:g}", "unusable samples": self._unusable,
             "malformed messages": malformed, "refused messages": self._gate.refused, "gaps": self._gaps,
             "late torques": self._late, "silences": self._silences, "samples with an old stamp": self._stopped,
             **peers, "limits": limit_names(self._limited), **self._writer.limits,
@@ -279,8 +291,7 @@ class ControllerNode(LifecycleNode):
             self.get_logger().warning(SLOW)
         self._limited, self._gaps, self._late, self._warned = 0, 0, 0, self._gaps > 0
         self._stopped, self._faults = 0, {}
-        title = f"{self.get_name()}: {'active' if self._active else 'holding still'}"
-        report(self, self._reports, [status_of(title, self._robot.name, conditions, values)])
+        report(self, self._reports, [self._status.status(conditions, events, values, state)])
 
 
 def _stamp_now(last: int) -> int:

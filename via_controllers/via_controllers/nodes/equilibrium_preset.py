@@ -40,9 +40,9 @@ class EquilibriumPresetNode(ControllerNode):
         # The controller restarts from here: with the latest references and the latest correction of the spring laws.
         self._start = parameters.initial(self._controller)
         device = self._controller.references.device
-        inputs: list[Input] = [(JointReference, f"/{device.name}/reference", self._refer, qos.CONTROL)]
+        inputs: list[Input] = [(JointReference, f"{device.name}/reference", self._refer, qos.CONTROL)]
         if parameters.feedback:
-            inputs.append((StiffnessEstimate, f"/{device.name}/stiffness", self._estimate, qos.SAMPLES))
+            inputs.append((StiffnessEstimate, f"{device.name}/stiffness", self._estimate, qos.SAMPLES))
         axes = JointAxes(device)
         return ControlledJoint(axes, JointSupervisor.of(self._controller, axes, lambda: self._start)), tuple(inputs)
 

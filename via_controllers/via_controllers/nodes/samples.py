@@ -19,6 +19,7 @@ class ArmSampleReader:
         links, motors = [link_name(joint) for joint in robot.joints], [motor_name(joint, 1) for joint in robot.joints]
         entries = [(field, link) for field in ("position", "velocity") for link in links]
         entries += [(field, motor) for field in ("position", "velocity") for motor in motors]
+        self._required = len(entries)
         entries += [("effort", link) for link in links]
         self._reader = JointReader([((*links, *motors), entries)])
 
@@ -31,6 +32,14 @@ class ArmSampleReader:
     def origin(self) -> int | None:
         """[ns] stamp at which the time of samples is 0; None before the first one."""
         return self._reader.origins[0]
+
+    def absent(self) -> str:
+        """Joints that the last message about other joints lacks, '' without such a message."""
+        return self._reader.absent()
+
+    def missing(self) -> str:
+        """Required values that the last sample lacks, '' if it has them."""
+        return self._reader.missing(0, self._required)
 
     def read(self, joints: Joints) -> tuple[int, ArmSample] | None:
         """Stamp [ns] and sample of a message; None where the message is about other joints."""
@@ -54,6 +63,12 @@ class JointSampleReader:
     @property
     def origin(self) -> int | None:
         return self._reader.origins[0]
+
+    def absent(self) -> str:
+        return self._reader.absent()
+
+    def missing(self) -> str:
+        return self._reader.missing(0)
 
     def read(self, joints: Joints) -> tuple[int, JointSample] | None:
         if not self._reader.read(joints):

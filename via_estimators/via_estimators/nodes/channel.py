@@ -10,8 +10,10 @@ import numpy as np
 from rclpy.node import Node
 from via_core.devices import Device
 from via_core.signals import Array
+from via_core.status import Status
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate
 from via_ros import qos
+from via_ros.reports import StatusReport
 from via_ros.serialised import Template, raw
 
 from via_estimators.contract import Estimator, Live
@@ -51,7 +53,9 @@ class EstimatorChannel:
 
     def __init__(self, node: Node, device: Device, method: str, estimator: Estimator, topic: str) -> None:
         self.device, self.method, self.live = device, method, Live(estimator)
+        self.report = StatusReport(node, device.name, method)
         self.sequence = self._reported = self._spent = 0
+        self.status: int = Status.WARMING_UP  # of the last sample
         self._logger, self._told = node.get_logger(), set[str]()
         self._outputs, topics = [], []
         for name, (kind, members) in MESSAGES.items():
@@ -72,7 +76,7 @@ class EstimatorChannel:
     def take(self, row: Array, stamp: bytes) -> None:
         """Process one sample row (1, 1 + k) and publish the estimates, with its stamp (8,)."""
         begin = perf_counter_ns()
-        status = self.live.take(row)
+        status = self.status = self.live.take(row)
         self._spent += perf_counter_ns() - begin
         for output, publish in self._outputs:
             publish(output.write(stamp, self.sequence, status, self.live.numbers))

@@ -54,10 +54,10 @@ class DynamicJointStatesNode(Node):
             raise ViaError(MISSING)
         gate = Gate(self.get_logger())
         self._joint, self._stamp, self._estimates = device.link_joint, 0, dict[str, Any]()
-        self._publisher = self.create_publisher(DynamicJointState, "/dynamic_joint_states", qos.SAMPLES)
+        self._publisher = self.create_publisher(DynamicJointState, "dynamic_joint_states", qos.SAMPLES)
         self._inputs = [
             self.create_subscription(
-                kind, f"/{device.name}/{name}", gate.message(partial(self._take, name)), qos.SAMPLES
+                kind, f"{device.name}/{name}", gate.message(partial(self._take, name)), qos.SAMPLES
             )
             for name, kind in QUANTITIES.items()
         ]

@@ -29,14 +29,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.errors import ParameterError
-from via_core.text_files import shown
 from via_interfaces.msg import VsaCommand
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
 from via_ros.conversions import RowReader
 from via_ros.gate import RenewedSubscription
 from via_ros.parameters import declare
-from via_ros.serialised import JointStateDecoder
+from via_ros.reports import report
+from via_ros.serialised import JOINT_STATES, JointStateDecoder
 from via_ros.spin import STEADY, run
 
 from via_estimators.contract import Estimator, Parameters
@@ -45,7 +45,6 @@ from via_estimators.nodes.channel import EstimatorChannel
 from via_estimators.nodes.pipeline import REPORT, DevicePipeline
 
 DEFAULT_DEVICE = "cubic_demo"
-MOST_SHOWN = 20  # joint names in a warning
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class NodeParameters:
         metadata={"description": "name of a device, path of its file, or new_name=either"},
     )
     devices: tuple[str, ...] = field(default=(), metadata={"description": "several devices instead of one"})
-    joint_topic: str = field(default="/joint_states", metadata={"description": "topic of the samples"})
+    joint_topic: str = field(default=JOINT_STATES, metadata={"description": "topic of the samples"})
 
 
 @dataclass(frozen=True)
@@ -84,15 +83,15 @@ class Kind:
     topic: Callable[[Pair], str]
 
 
-ESTIMATOR = Kind("estimator", EstimatorParameters, lambda given: (given.method,), lambda pair: f"/{pair.device.name}")
+ESTIMATOR = Kind("estimator", EstimatorParameters, lambda given: (given.method,), lambda pair: f"{pair.device.name}")
 BANK = Kind(
-    "estimator_bank", BankParameters, lambda given: given.methods, lambda pair: f"/{pair.device.name}/{pair.method}"
+    "estimator_bank", BankParameters, lambda given: given.methods, lambda pair: f"{pair.device.name}/{pair.method}"
 )
 
 
 def single(method: str) -> Kind:
     """The kind of node with one fixed method."""
-    return Kind(method, NodeParameters, lambda _: (method,), lambda pair: f"/{pair.device.name}")
+    return Kind(method, NodeParameters, lambda _: (method,), lambda pair: f"{pair.device.name}")
 
 
 class EstimatorNode(Node):
@@ -120,14 +119,14 @@ class EstimatorNode(Node):
         self._pipeline_of = [
             next(each for each in self.pipelines if channel in each.channels) for channel in self._channels
         ]
-        self._foreign = self._broken = self._turn = 0
+        self._broken = self._turn = 0
         self._share, self._used, self._since = 0.0, time.process_time(), time.monotonic()
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self.create_service(ResetEstimator, "~/reset", partial(_reset, self.pipelines))
         for pipeline in self.pipelines:
             self.create_service(ResetEstimator, f"~/{pipeline.device.name}/reset", partial(_reset, [pipeline]))
             if pipeline.commanded:
-                self.create_subscription(VsaCommand, pipeline.device.command_topic, pipeline.hold, qos.SAMPLES)
+                self.create_subscription(VsaCommand, pipeline.device.command_name, pipeline.hold, qos.SAMPLES)
         depth = qos.samples_of(len(self.pipelines))
         self._samples = RenewedSubscription(self, JointState, own.joint_topic, self._take, depth)
         # One device at a time, so that diagnostics do not delay samples.
@@ -159,11 +158,8 @@ class EstimatorNode(Node):
                 self.get_logger().info(f"first sample of {each.device.name}: {each.method} publishes {each.topics}")
             self._pipeline_of[row].reach(joints.stamp)
             self._channels[row].take(self._reader.rows[row], joints.stamp_bytes)
-        if not rows:
-            if not self._foreign:
-                wanted = ", ".join(f"'{each.device.link_joint}' of '{each.device.name}'" for each in self.pipelines)
-                self.get_logger().warning(f"no {wanted} among: {shown(', '.join(joints.names.joints[:MOST_SHOWN]))}")
-            self._foreign += 1
+        if not rows and self._reader.foreign == 1:
+            self.get_logger().warning(self._reader.absent())
 
     def _report(self) -> None:
         if self._turn == 0:
@@ -172,9 +168,7 @@ class EstimatorNode(Node):
             self._used, self._since = used, now
         pipeline = self.pipelines[self._turn]
         self._turn = (self._turn + 1) % len(self.pipelines)
-        report = DiagnosticArray(status=pipeline.report(self.get_name(), self._foreign, self._broken, self._share))
-        report.header.stamp = self.get_clock().now().to_msg()
-        self._reports.publish(report)
+        report(self, self._reports, pipeline.report(self._broken, self._samples.is_lossy, self._share))
 
 
 def _names(own: NodeParameters) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from via_core.parameters import parameter
@@ -29,9 +29,10 @@ from via_interfaces.msg import PayloadEstimate
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
 from via_ros.conversions import JointReader, set_stamp
-from via_ros.gate import RenewedSubscription
+from via_ros.gate import LOSSY, RenewedSubscription
 from via_ros.parameters import declare
-from via_ros.serialised import JointStateDecoder
+from via_ros.reports import StatusReport, report
+from via_ros.serialised import JOINT_STATES, JointStateDecoder
 from via_ros.spin import STEADY, run
 
 from via_estimators.contract import Live
@@ -62,12 +63,13 @@ class PayloadNode(Node):
         self._decoder = JointStateDecoder()
         self._reader = JointReader([_wanted(arm.joints)])
         self._broken = self._reported = 0
+        self._status = StatusReport(self, arm.name)
         self._message = PayloadEstimate(method="payload")
         self._message.header.frame_id = arm.name
-        self._estimates = self.create_publisher(PayloadEstimate, f"/{arm.name}/payload", qos.SAMPLES)
+        self._estimates = self.create_publisher(PayloadEstimate, f"{arm.name}/payload", qos.SAMPLES)
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self.create_service(ResetEstimator, "~/reset", self._reset)
-        self._samples = RenewedSubscription(self, JointState, "/joint_states", self._take, qos.SAMPLES)
+        self._samples = RenewedSubscription(self, JointState, JOINT_STATES, self._take, qos.SAMPLES)
         self.create_timer(REPORT, self._report, clock=STEADY)
 
     def _take(self, data: bytes) -> None:
@@ -94,28 +96,19 @@ class PayloadNode(Node):
     def _report(self) -> None:
         health, count = self._live.health(), self._message.sequence - self._reported
         self._reported = self._message.sequence
+        missing = self._reader.missing(0)
         malformed = self._broken + self._reader.malformed[0]
-        troubles = {
+        conditions = {
             "no samples": count == 0,
+            LOSSY: self._samples.is_lossy,
+            self._reader.absent(): self._reader.foreign > 0 and count == 0,
+            f"no value of {missing}": bool(missing) and self._message.status == Status.BAD_SAMPLE,
             "impossible payload: check signs and units of efforts, and the arm file":
                 health.status is Status.IMPLAUSIBLE,
-            "bad samples": health.bad > 0, "gaps": health.gaps > 0, "malformed messages": malformed > 0,
         }  # fmt: skip
-        problems = [text for text, present in troubles.items() if present]
-        values = {
-            "status": health.status.name, "rate [Hz]": count / REPORT, "samples": health.samples,
-            "bad samples": health.bad, "gaps": health.gaps, "malformed messages": malformed,
-        }  # fmt: skip
-        status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
-            name=f"{self.get_name()}: {self._message.header.frame_id}",
-            message=", ".join(problems) or health.status.name,
-            hardware_id=self._message.header.frame_id,
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
-        report = DiagnosticArray(status=[status])
-        report.header.stamp = self.get_clock().now().to_msg()
-        self._reports.publish(report)
+        events = {"bad samples": health.bad, "gaps": health.gaps, "malformed messages": malformed}
+        values = {"status": health.status.name, "rate [Hz]": count / REPORT, "samples": health.samples, **events}
+        report(self, self._reports, [self._status.status(conditions, events, values, health.status.name)])
 
 
 def _wanted(joints: tuple[str, ...]) -> tuple[tuple[str, ...], list[tuple[str, str] | None]]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from bisect import insort
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
+from via_core.status import Status
 from via_interfaces.msg import VsaCommand
 from via_ros import qos
 from via_ros.conversions import RowReader, command_of, nanoseconds
+from via_ros.gate import LOSSY
 
 from via_estimators.nodes.channel import EstimatorChannel
 
@@ -26,7 +28,7 @@ class DevicePipeline:
         self.pending: list[VsaCommand] = []  # in order of stamps
         self._late = self._refused = 0
         self._rows, self._reader = rows, reader
-        self._newest = NEVER  # [ns] latest stamp of a sample
+        self._newest = NEVER  # [ns] stamp of the last sample: in a bag that is played again it runs backward
 
     def hold(self, message: VsaCommand) -> None:
         """Queue a command for the samples that are not before it."""
@@ -47,7 +49,7 @@ class DevicePipeline:
             message = self.pending.pop(0)
             for row in self._rows:
                 self._reader.hold(row, message)
-        self._newest = max(self._newest, stamp)
+        self._newest = stamp
 
     def restart(self) -> int:
         """Forget samples, commands and the origin of time, for another log; returns the number of samples."""
@@ -58,50 +60,38 @@ class DevicePipeline:
         self._newest = NEVER
         return samples
 
-    def report(self, node: str, foreign: int, broken: int, share: float) -> list[DiagnosticStatus]:
+    def report(self, broken: int, lossy: bool, share: float) -> list[DiagnosticStatus]:
         """One status per channel.
 
-        foreign  number of messages without a device of the node
-        broken   number of messages that could not be decoded
-        share    of one core used by the process
+        broken  number of messages that could not be decoded
+        lossy   whether samples are published best effort
+        share   of one core used by the process
         """
         malformed = broken + max(self._reader.malformed[row] for row in self._rows)
         found = []
-        for channel in self.channels:
+        for channel, row in zip(self.channels, self._rows, strict=True):
             health = channel.live.health()
             count, cost = channel.cost()
-            fault = channel.fault()
-            troubles = {
+            fault, missing = channel.fault(), self._reader.missing(row)
+            conditions = {
                 fault: bool(fault),
                 "no samples": count == 0,
-                "joints of other devices only": foreign > 0 and channel.sequence == 0,
-                "bad samples": health.bad > 0,
-                "gaps": health.gaps > 0,
-                "late commands": self._late > 0,
-                "refused commands": self._refused > 0,
-                "malformed messages": malformed > 0,
+                LOSSY: lossy,
+                self._reader.absent(): self._reader.foreign > 0 and count == 0,
+                f"no value of {missing}": bool(missing) and channel.status == Status.BAD_SAMPLE,
             }
-            problems = [text for text, present in troubles.items() if present]
+            events = {
+                "bad samples": health.bad, "gaps": health.gaps, "late commands": self._late,
+                "refused commands": self._refused, "malformed messages": malformed,
+            }  # fmt: skip
             values: dict[str, str | float] = {
                 "status": health.status.name, "suspected fault": fault or "none", "rate [Hz]": count / REPORT,
                 "samples": health.samples,
                 "bad samples": health.bad, "gaps": health.gaps, "motion in the window [rad]": health.motion,
                 "condition number": health.condition, "late commands": self._late, "refused commands": self._refused,
-                "foreign messages": foreign, "malformed messages": malformed, "time per sample [us]": cost,
+                "foreign messages": self._reader.foreign, "malformed messages": malformed, "time per sample [us]": cost,
                 "share of a core, this method [%]": 1e-4 * cost * count / REPORT,
                 "share of a core, whole process [%]": 100.0 * share,
             }  # fmt: skip
-            found.append(
-                DiagnosticStatus(
-                    level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
-                    name=f"{node}: {self.device.name} {channel.method}",
-                    message=", ".join(problems) or health.status.name,
-                    hardware_id=self.device.name,
-                    values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
-                )
-            )
+            found.append(channel.report.status(conditions, events, values, health.status.name))
         return found
-
-
-def _text(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:.6g}"

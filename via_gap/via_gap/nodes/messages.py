@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from via_core.status import Status
 from via_core.wire import SECOND
 from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import Effect, EffectHypothesis, GapStatus
 from via_interfaces.msg import SiteShare as SiteMessage
 from via_ros.conversions import set_stamp
+from via_ros.reports import pairs, status_name
 from via_sim.effects import place_name
 
 from via_gap.candidates.localisation import SiteShare
@@ -40,9 +42,9 @@ def fill_status(message: GapStatus, monitor: Monitor, status: Status, text: str)
 
 
 def diagnostics_of(
-    name: str, message: GapStatus, monitor: Monitor, counters: Mapping[str, str | float]
+    node: Any, message: GapStatus, monitor: Monitor, counters: Mapping[str, str | float]
 ) -> DiagnosticStatus:
-    """The same for /diagnostics, with counters of the node called `name`."""
+    """The same for /diagnostics, with counters of `node`."""
     status = Status(message.status)
     level = DiagnosticStatus.WARN
     if status == Status.BAD_SAMPLE and monitor.comparison is not None:
@@ -61,8 +63,8 @@ def diagnostics_of(
         "clock ran back": monitor.rolling.restarts, **counters,
     }  # fmt: skip
     return DiagnosticStatus(
-        level=level, name=f"{name}: {monitor.device.name}", message=message.message, hardware_id=monitor.device.name,
-        values=[KeyValue(key=key, value=v if isinstance(v, str) else f"{v:.6g}") for key, v in values.items()],
+        level=level, name=status_name(node, monitor.device.name), message=message.message,
+        hardware_id=monitor.device.name, values=pairs(values),
     )  # fmt: skip
 
 

@@ -48,9 +48,9 @@ class MonitorNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("gap_monitor", **options)
-        own = declare(self, MonitorParameters, changed=lambda parameters: self.monitor.change(parameters))
+        own = declare(self, MonitorParameters, changed=lambda parameters: self.monitor.changed(parameters))
         device = load_device(own.device)
-        self.monitor = Monitor(device, own)
+        self.monitor = Monitor(device, own, self.resolve_topic_name(own.joint_topic))
         self._reader = RowReader([(device, self.monitor.columns)])
         self._decoder = JointStateDecoder()
         self._goal: ServerGoalHandle | None = None
@@ -59,10 +59,10 @@ class MonitorNode(Node):
         self._cost = 0.0  # [s] of the last tick
         self._message = GapStatus()
         self._message.header.frame_id = device.name
-        self._gap = self.create_publisher(GapStatus, f"/{device.name}/gap", qos.CONTROL)
+        self._gap = self.create_publisher(GapStatus, f"{device.name}/gap", qos.CONTROL)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self.create_subscription(JointState, own.joint_topic, self._on_sample, qos.SAMPLES, raw=True)
-        self.create_subscription(VsaCommand, device.command_topic, self._on_command, qos.SAMPLES)
+        self.create_subscription(VsaCommand, device.command_name, self._on_command, qos.SAMPLES)
         self._server = ActionServer(
             self, DiagnoseGap, "~/diagnose", partial(_conclude, failure("no outcome")),
             goal_callback=self._consider, handle_accepted_callback=self._accept,
@@ -128,7 +128,7 @@ class MonitorNode(Node):
             "refused goal": self._refusal, "malformed messages": self._broken + self._reader.malformed[0],
             "last tick [ms]": 1e3 * self._cost,
         }  # fmt: skip
-        array = DiagnosticArray(status=[diagnostics_of(self.get_name(), self._message, self.monitor, counters)])
+        array = DiagnosticArray(status=[diagnostics_of(self, self._message, self.monitor, counters)])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
         self._cost = time.perf_counter() - begin

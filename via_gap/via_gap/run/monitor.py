@@ -1,6 +1,6 @@
 """The nominal model beside a live joint: a comparison at every tick, and diagnoses in a process of their own.
 
-monitor = Monitor(device, MonitorParameters())
+monitor = Monitor(device, MonitorParameters(), "/joint_states")
 monitor.sample(stamp, row, now)         # row (c,) of monitor.columns
 monitor.rolling.command(stamp, mode, equilibrium, preset, damping, motor)
 monitor.request("", 10.0)               # a diagnosis of the last 10 s; monitor.request("my_bag", 0.0) of a file
@@ -14,7 +14,7 @@ Times `now` are seconds of a steady clock. A report's fitted device parameters r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,7 +42,7 @@ class MonitorParameters:
     """Parameters of the node `gap_monitor`."""
 
     device: str = parameter("cubic_demo", "device name or path to its YAML")
-    joint_topic: str = parameter("/joint_states", "topic of the samples")
+    joint_topic: str = parameter("joint_states", "topic of the samples")
     rate: float = parameter(10.0, "gap messages and diagnostics", "Hz", (0.1, 50.0))
     recent: float = parameter(2.0, "time compared with the model at every tick", "s", (0.5, 60.0), live=True)
     window: float = parameter(20.0, "time that is diagnosed", "s", (2.0, 600.0))
@@ -54,6 +54,8 @@ class MonitorParameters:
 class Monitor:
     """One joint's samples, the model they are compared with, and the diagnosis under way.
 
+    joint_topic  topic of the samples, in messages and in the bags of goals
+
     columns     names of the channels of a sample
     model       the device, with the fitted parameters of the last report
     comparison  the latest comparison; None where there is none
@@ -63,8 +65,9 @@ class Monitor:
     samples     number of samples so far, `foreign` of messages about other devices
     """
 
-    def __init__(self, device: Device, parameters: MonitorParameters) -> None:
-        self.change(parameters)
+    def __init__(self, device: Device, parameters: MonitorParameters, joint_topic: str) -> None:
+        self.changed(parameters)()
+        self._joint_topic = joint_topic
         warm_up(device)
         self.device = self.model = device
         self.columns = columns_of(device)
@@ -81,13 +84,17 @@ class Monitor:
         self._restarts = self._compared = 0  # restarts of the clock handled, samples at the last comparison
         self._received = self._due = float("-inf")  # [s] last sample, next automatic diagnosis
 
-    def change(self, parameters: MonitorParameters) -> None:
-        """Continue with these parameters. Raises ParameterError if `recent` exceeds the window."""
+    def changed(self, parameters: MonitorParameters) -> Callable[[], None]:
+        """Returns what puts these parameters into effect. Raises ParameterError if `recent` exceeds the window."""
         if parameters.recent > parameters.window:
             raise ParameterError(
                 f"parameter recent must lie in [0.5, {parameters.window:g}] s, got {parameters.recent:g}"
             )
-        self._parameters = parameters
+
+        def put_into_effect() -> None:
+            self._parameters = parameters
+
+        return put_into_effect
 
     def sample(self, stamp: int, row: Array, now: float) -> None:
         """Take a sample (c,) with its stamp [ns], received at `now` [s]."""
@@ -100,7 +107,7 @@ class Monitor:
 
         It ends an automatic diagnosis. Raises ViaError where there is nothing to diagnose.
         """
-        job = Job(self.device, self._source(path, seconds), self._parameters.joint_topic)
+        job = Job(self.device, self._source(path, seconds), self._joint_topic)
         if self.worker.busy:
             self.worker.cancel()
         self._requested, self._from_file, self.doing = True, bool(path), "starting"
@@ -127,7 +134,7 @@ class Monitor:
 
     def compare(self, now: float) -> tuple[Status, str]:
         """Compare the most recent samples with the model: whether that was possible, and a sentence about it."""
-        topic, recent = self._parameters.joint_topic, self._parameters.recent
+        topic, recent = self._joint_topic, self._parameters.recent
         if self.rolling.newest is None:
             others = " of this device, others only" if self.foreign else ""
             return Status.WARMING_UP, f"no samples{others} yet on {topic}"
@@ -185,7 +192,7 @@ class Monitor:
     def _window(self, seconds: float | None = None) -> JointLog:
         log = self.rolling.log(LIVE, seconds)
         if log is None:
-            raise SignalError(f"no samples of '{self.device.name}' yet on {self._parameters.joint_topic}")
+            raise SignalError(f"no samples of '{self.device.name}' yet on {self._joint_topic}")
         self._stamp = self.rolling.newest or 0
         return log
 

@@ -33,7 +33,7 @@ from via_core.parameters import parameter
 from via_ros import qos
 from via_ros.interfaces import ENCAPSULATION, NUMBERED, message_class, opening_of
 from via_ros.parameters import declare
-from via_ros.reports import pairs, report
+from via_ros.reports import pairs, report, status_name
 from via_ros.spin import STEADY, run
 
 POLL = 0.1  # [s] interval of discovery
@@ -207,7 +207,7 @@ class Recorder(Node):
                 level, text = DiagnosticStatus.WARN, "malformed messages are left out"
             elif count.before:
                 level, text = DiagnosticStatus.WARN, "messages were sent before the first recorded one"
-            status = DiagnosticStatus(level=level, name=f"{self.get_name()}: {name}", message=text)
+            status = DiagnosticStatus(level=level, name=status_name(self, name), message=text)
             if count is not None:
                 shown = {"messages": count.messages, "lost": count.lost, "malformed": count.malformed}
                 shown |= {"sent before the first": count.before, "bytes": count.size}

@@ -23,7 +23,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from via_core.errors import ParameterError
 from via_core.parameters import parameter
 from via_core.signals import Array
-from via_core.wire import command_topic
+from via_core.wire import command_name
 from via_interfaces.msg import VsaCommand
 from via_interfaces.srv import Hold, Push
 from via_ros import qos
@@ -71,17 +71,17 @@ class RobotSimulationNode(SimulationNode[Array]):
         self._samples = ArmStateWriter(self._body.name, self._body.joints)
         self._contact = WrenchStamped()
         self._contact.header.frame_id = self._body.name
-        self._contacts = self.create_publisher(WrenchStamped, f"/{self._body.name}/contact", qos.SAMPLES)
+        self._contacts = self.create_publisher(WrenchStamped, f"{self._body.name}/contact", qos.SAMPLES)
         self._beside.append(self._contacts)
         self._base = PoseStamped()
         self._base.header.frame_id = "world"
         self._bases: Any = None
         if self._body.base(self._state) is not None:
-            self._bases = self.create_publisher(PoseStamped, f"/{self._body.name}/base", qos.SAMPLES)
+            self._bases = self.create_publisher(PoseStamped, f"{self._body.name}/base", qos.SAMPLES)
             self._beside.append(self._bases)
         self.create_service(Push, "~/push", self.gate.request(self._push))
         self.create_service(Hold, "~/hold", self.gate.request(self._hold))
-        self.start_listening(own, self._body.name, command_topic(self._body.name))
+        self.start_listening(own, self._body.name, command_name(self._body.name))
 
     # ---- the body
 
@@ -130,10 +130,10 @@ class RobotSimulationNode(SimulationNode[Array]):
             noise = self._noise.normal(0.0, self._chosen.torque_noise, self._count)
             samples.effort[links] = self._body.spring_torque(state) + noise
 
-    def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
+    def _diagnose(self) -> tuple[dict[str, int], dict[str, Any]]:
         held = self._held_until > 0
-        troubles = {"springs at their stops": self._stops > 0, "numerical failures": self._failures > 0}
-        return troubles, {"stops": self._stops, "numerical failures": self._failures, "held": held}
+        events = {"springs at their stops": self._stops, "numerical failures": self._failures}
+        return events, {"stops": self._stops, "numerical failures": self._failures, "held": held}
 
     # ---- disturbances
 

@@ -40,8 +40,8 @@ from via_ros import qos
 from via_ros.conversions import Command, set_stamp
 from via_ros.gate import Gate, RenewedSubscription
 from via_ros.peers import CommandOrigin, DriverOrigin, rivalry
-from via_ros.reports import report, status_of
-from via_ros.serialised import JointStateBytes, decoded_command, raw
+from via_ros.reports import StatusReport, report
+from via_ros.serialised import JOINT_STATES, JointStateBytes, decoded_command, raw
 from via_ros.spin import STEADY
 
 from via_sim.nodes.round_trips import RoundTrips
@@ -86,7 +86,7 @@ class SimulationNode(Node, Generic[Row]):
         self._running, self._since = False, 0.0  # [s] steady clock when time began
         self._polls = self._reported = 0
         self._epoch, self._began = EPOCH, 0  # [ns] stamp and steady time of sample 0
-        self._joint_states = self.create_publisher(JointState, "/joint_states", qos.SAMPLES)
+        self._joint_states = self.create_publisher(JointState, JOINT_STATES, qos.SAMPLES)
         self._publish_sample = raw(self._joint_states)
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self._clock_message = ClockMessage()
@@ -94,9 +94,9 @@ class SimulationNode(Node, Generic[Row]):
         self._pace: Any = None
         self._beside: list[Any] = []  # publishers of further topics of every sample
 
-    def start_listening(self, times: TimeParameters, name: str, command_topic: str) -> None:
+    def start_listening(self, times: TimeParameters, name: str, command_name: str) -> None:
         """Accept commands, and begin when all connections are there. `name` is that of the device or arm."""
-        self._times, self._name = times, name
+        self._times, self._name, self._status = times, name, StatusReport(self, name)
         if times.duration > 0.0:
             self._last = round(times.duration * times.rate)
         if self._last < 1:
@@ -105,17 +105,18 @@ class SimulationNode(Node, Generic[Row]):
         self._command_stamp = -WATCHDOG  # [ns] stamp from which the command's time counts
         if times.mode != "realtime":
             self._clock_publisher = self.create_publisher(ClockMessage, "/clock", qos.CONTROL)
-        self._commands = RenewedSubscription(self, VsaCommand, command_topic, self._take, qos.LOOP)
+        self._commands = RenewedSubscription(self, VsaCommand, command_name, self._take, qos.LOOP)
         self._commanders = CommandOrigin()
         self._serialised = JointStateBytes(self._samples)
-        self._drivers = DriverOrigin(self, "/joint_states", command_topic, self._samples.names)
+        topics = self._joint_states.topic_name, self._commands.topic_name
+        self._drivers = DriverOrigin(self, *topics, self._samples.names)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(POLL, self._poll, clock=STEADY)
         needs = str(max(times.listeners, int(times.mode == "lockstep")))
         needs += ", and a publisher of commands" if times.mode == "lockstep" else ""
         self.get_logger().info(
-            f"simulates {name} at {times.rate:g} Hz, {times.mode}: publishes {self._joint_states.topic_name}, takes "
-            f"{command_topic}; subscribers needed to start: {needs}"
+            f"simulates {name} at {times.rate:g} Hz, {times.mode}: publishes {topics[0]}, takes "
+            f"{topics[1]}; subscribers needed to start: {needs}"
         )
 
     # ---- the robot
@@ -139,8 +140,8 @@ class SimulationNode(Node, Generic[Row]):
         """Write the present measurements into `_samples`; publish the further topics with this stamp [ns]."""
 
     @abstractmethod
-    def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
-        """Warnings (text: whether it applies) and values for the diagnostics."""
+    def _diagnose(self) -> tuple[dict[str, int], dict[str, Any]]:
+        """Numbers of events to warn of, and values for the diagnostics."""
 
     # ---- time
 
@@ -295,21 +296,24 @@ class SimulationNode(Node, Generic[Row]):
 
     def _report(self) -> None:
         trips, mode, silent = self.round_trips, self._times.mode, self._stamp() - self._command_stamp > WATCHDOG
-        troubles, values = self._diagnose()
-        rivals, peers = rivalry(self, self._commands.topic_name)
-        troubles = {
+        events, values = self._diagnose()
+        rivals, peers = rivalry(self, self._joint_states.topic_name, self._commands.topic_name)
+        conditions = {
             **rivals,
-            f"refused requests: {self.gate.reason}": self.gate.refused > 0,
             "waiting for listeners and commands": not self._running and not self.finished.done(),
             "passive, no command": mode == "realtime" and silent and self._running,
-            "late ticks": self._late > 0,
-            "skipped time": self._skipped > 0,
-            "refused commands": self._refused > 0,
-            **troubles,
+        }
+        events = {
+            f"refused requests: {self.gate.reason}": self.gate.refused,
+            "late ticks": self._late,
+            "skipped time": self._skipped,
+            "refused commands": self._refused,
+            **events,
         }
         rate, self._reported = (self._tick - self._reported) / REPORT, self._tick
         values = {
-            "ticks": self._tick, "rate [Hz]": f"{rate:g}", "late ticks": self._late, "skips of time": self._skipped,
+            "mode": mode, "ticks": self._tick, "rate [Hz]": f"{rate:g}", "late ticks": self._late,
+            "skips of time": self._skipped,
             "late commands": f"{self.late_commands:.4f}", "refused commands": self._refused,
             "round trip, median [ms]": f"{trips.percentile(50.0):.3f}",
             "round trip, 99 % [ms]": f"{trips.percentile(99.0):.3f}",
@@ -318,4 +322,4 @@ class SimulationNode(Node, Generic[Row]):
             **peers, "unmatched commands": self._unmatched, "repeated samples": self._repeats,
             **values,
         }  # fmt: skip
-        report(self, self._reports, [status_of(f"{self.get_name()}: {mode}", self._name, troubles, values)])
+        report(self, self._reports, [self._status.status(conditions, events, values, "running")])

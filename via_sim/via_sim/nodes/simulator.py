@@ -63,12 +63,12 @@ class SimulatorNode(SimulationNode[Array]):
         if own.truth:
             self._truths.append(self._offer(StiffnessEstimate, "stiffness"))
             self._truths.append(self._offer(DampingEstimate, "damping"))
-        self.start_listening(own, self.device.name, self.device.command_topic)
+        self.start_listening(own, self.device.name, self.device.command_name)
 
     def _offer(self, kind: Any, what: str) -> tuple[Any, Any]:
         message = kind(method="truth")
         message.header.frame_id = self.device.name
-        publisher = self.create_publisher(kind, f"/{self.device.name}/truth/{what}", qos.SAMPLES)
+        publisher = self.create_publisher(kind, f"{self.device.name}/truth/{what}", qos.SAMPLES)
         self._beside.append(publisher)
         return message, publisher
 
@@ -135,9 +135,9 @@ class SimulatorNode(SimulationNode[Array]):
                 measured[MEASURED.tau_1 : MEASURED.tau_1 + count - 1] if self.device.n_motors else self._sent
             )
 
-    def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
+    def _diagnose(self) -> tuple[dict[str, int], dict[str, Any]]:
         values = {"numerical failures": self._failures, "effects": self._effects.active}
-        return {"numerical failures": self._failures > 0}, values
+        return {"numerical failures": self._failures}, values
 
 
 def _goal_row(command: Command) -> Array | None:

@@ -144,7 +144,7 @@ class PlainController(Node):
         for active in (False, True):  # compiles
             self.supervisor.step(self.supervisor.init(), self.robot.zero_sample(0.0), active)
         self.state, self.samples, self.origin = self.supervisor.init(), 0, 0
-        self.commands = self.create_publisher(VsaCommand, self.robot.command_topic, DEPTH)
+        self.commands = self.create_publisher(VsaCommand, self.robot.command_name, DEPTH)
         self.states = self.create_publisher(ControlState, f"/{self.robot.name}/control", DEPTH)
         self.create_subscription(JointState, "/joint_states", self.take, DEPTH)
 
