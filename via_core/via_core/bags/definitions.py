@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
-from via_core.errors import BagError
+from via_core.errors import BagError, one_line
 from via_core.limits import LIMITS
 from via_core.text_files import shown
 
@@ -74,8 +74,7 @@ def typestore_from_text(type_name: str, text: str) -> Typestore:
         store.register(found)
         store.get_msgdef(type_name)
     except Exception as error:  # rosbags parses untrusted text and runs code that it generates from it
-        reason = shown(_one_line(error))[:200] or type(error).__name__
-        raise BagError(f"the definition of {shown(type_name)} is invalid: {reason}") from None
+        raise BagError(f"the definition of {shown(type_name)} is invalid: {shown(one_line(error))}") from None
     return store
 
 
@@ -124,7 +123,7 @@ def _collect(type_name: str, store: Typestore, texts: dict[str, str]) -> None:
         try:
             store.register(get_types_from_msg(texts[type_name], type_name))
         except TypesysError as error:
-            raise BagError(f"the definition of {type_name} is invalid: {_one_line(error)}") from None
+            raise BagError(f"the definition of {type_name} is invalid: {one_line(error)}") from None
     else:
         texts[type_name] = store.gendefhash(type_name, {}, 2)[0].rstrip() + "\n"
     for nested in _nested(store, type_name):
@@ -157,7 +156,3 @@ def _definition_file(type_name: str) -> Path:
 
 def _short(type_name: str) -> str:
     return type_name.replace("/msg/", "/")
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())
