@@ -108,7 +108,7 @@ class _Source:
 
     def _samples(self, pair: Pair) -> SampleRows:
         device, inputs, bag = pair.device, _inputs(pair), is_bag(self.path)
-        if bag and not any(entry.topic for entry in device.wire.columns.values()):
+        if bag and not device.wire.topics_of_columns:
             return sample_rows(self.bag, device, inputs, self.joint_topic)
         return table_rows(joint_of(self.tables, device, str(self.path), bag), inputs)
 

@@ -58,7 +58,7 @@ def typestore_of(type_name: str) -> Typestore:
 def definition_of(type_name: str) -> Definition:
     """The definition of `type_name` ('package/msg/Name'). Raises BagError when no definition is found."""
     store, texts = _load(type_name)
-    nested = [f"{_SEPARATOR}\nMSG: {_short(name)}\n{texts[name]}" for name in texts if name != type_name]
+    nested = [f"{_SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{texts[name]}" for name in texts if name != type_name]
     return Definition(type_name, "\n".join([texts[type_name], *nested]), store.hash_rihs01(type_name))
 
 
@@ -152,7 +152,3 @@ def _definition_file(type_name: str) -> Path:
         f"no definition of message type '{type_name}': it is not a standard message, and no {package}/msg/{name}.msg "
         "is installed under AMENT_PREFIX_PATH"
     )
-
-
-def _short(type_name: str) -> str:
-    return type_name.replace("/msg/", "/")
