@@ -77,7 +77,7 @@ def effort(device, writer, acceleration):
     found = np.zeros(len(writer.effort))
     for i, motor in enumerate(device.motors, start=1):
         if device.drive == "torque":
-            spring = device.spring_laws[i - 1].torque(writer.position[0] - writer.position[i])
+            spring = device.springs[i - 1].torque(writer.position[0] - writer.position[i])
             found[i] = motor.inertia * acceleration[i] + motor.viscous_friction * writer.velocity[i] - spring
     return found
 

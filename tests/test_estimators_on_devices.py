@@ -19,7 +19,7 @@ def simulated(device, share, duration=20.0):
     """Measured and true signals under two-tone torques up to `share` of the spring torque at the stop."""
     t = np.arange(int(1e3 * duration) + 1) * 1e-3
     u = np.clip(t / 0.5, 0.0, 1.0)
-    size = u * u * (3.0 - 2.0 * u) * share * float(device.spring_laws[0].torque(device.springs[0].max_deflection))
+    size = u * u * (3.0 - 2.0 * u) * share * float(device.springs[0].torque(device.springs[0].max_deflection))
     first = 1.0 + 0.6 * np.sin(2.0 * np.pi * 0.7 * t) + 0.3 * np.sin(2.0 * np.pi * 1.9 * t)
     second = 1.0 + 0.6 * np.sin(2.0 * np.pi * 1.1 * t) + 0.3 * np.sin(2.0 * np.pi * 2.3 * t + 1.0)
     torques = np.column_stack([size * first, -size * second])

@@ -81,7 +81,7 @@ def test_a_spring_that_changes_is_no_fault(change):
     t = np.arange(6000) * 1e-3
     scale = np.where(t < 3.1, 1.0, 1.5) if change == "step" else 1.0 + 0.3 * np.sin(np.pi * t)
     q, theta = 0.3 * np.sin(5.0 * t), np.column_stack([0.7 + 0.2 * np.sin(7.0 * t), -0.7 + 0.2 * np.sin(9.0 * t)])
-    motors, springs = MOTOR.motors, MOTOR.spring_laws
+    motors, springs = MOTOR.motors, MOTOR.springs
     speed, bend = np.gradient(theta, t, axis=0), np.gradient(np.gradient(theta, t, axis=0), t, axis=0)
     tau = np.column_stack(
         [motors[i].inertia * bend[:, i] + motors[i].viscous_friction * speed[:, i]

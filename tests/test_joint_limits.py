@@ -116,7 +116,7 @@ def test_springs_of_axes_are_those_of_the_device(name):
     device, motor = load_device(name), ELASTIC.motors[0]
     device = device.model_copy(update={"drive": "torque", "motors": (motor,) * device.n_motors})
     axes, random = JointAxes(device), np.random.default_rng(0)
-    k, stop = device.n_transmissions, min(spring.max_deflection for spring in device.spring_laws)
+    k, stop = device.n_transmissions, min(spring.max_deflection for spring in device.springs)
     for q in random.uniform(-0.5, 0.5, 20):
         theta = q + random.uniform(-stop, stop, axes.n)
         for each, expected in (

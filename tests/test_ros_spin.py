@@ -184,6 +184,11 @@ def test_a_player_offers_what_was_offered(offer):
     assert again.depth == qos.SAMPLES.depth
 
 
+def test_a_player_offers_the_policies_that_bags_before_jazzy_number():
+    again = qos.from_bag("- {history: 1, depth: 10, reliability: 2, durability: 1}")
+    assert again.reliability == ReliabilityPolicy.BEST_EFFORT and again.durability == DurabilityPolicy.TRANSIENT_LOCAL
+
+
 @pytest.mark.parametrize("text", ["", "[]", "nonsense", "- 3", "{", "- reliability: perhaps\n  depth: many"])
 def test_a_player_accepts_unknown_qos_policies(text):
     assert qos.from_bag(text).reliability == ReliabilityPolicy.RELIABLE

@@ -1,5 +1,7 @@
 """equilibrium_preset with the estimator in the loop, on a joint whose springs differ from the model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from via_controllers.joints.equilibrium_preset import EquilibriumPreset
@@ -11,7 +13,7 @@ NOMINAL, WANTED = load_device("qbmove_a"), 6.0  # [N m/rad]
 
 def course(feedback: bool) -> StiffnessCourse:
     """Springs 15 % stiffer than nominal, the equilibrium in motion so that the estimator converges."""
-    stiffer = tuple(spring.model_copy(update={"k": 1.15 * spring.k}) for spring in NOMINAL.springs)
+    stiffer = tuple(replace(spring, k=1.15 * spring.k) for spring in NOMINAL.springs)
     real = NOMINAL.model_copy(update={"springs": stiffer})
     controller = EquilibriumPreset.from_device(NOMINAL)
 

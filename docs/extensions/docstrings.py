@@ -23,8 +23,8 @@ def setup(app: Any) -> dict[str, bool]:
 
 
 def _skip(_app: Any, _what: str, name: str, _obj: object, skip: bool, _options: object) -> bool | None:
-    """Leave out what pydantic adds to every model."""
-    return True if name == "model_config" else None
+    """Leave out what pydantic adds to every model, and the names by which files select one of several classes."""
+    return True if name in ("model_config", "law", "map") else None
 
 
 def _process(_app: Any, _what: str, _name: str, _obj: object, _options: object, lines: list[str]) -> None:

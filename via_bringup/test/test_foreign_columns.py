@@ -94,7 +94,7 @@ def test_estimates_come_from_tables_of_other_columns_and_units(excited: pandas.D
     device = load_device("cubic_demo")
     angles = excited[["q", "theta_1", "theta_2"]].to_numpy()[-1]
     for k in (1, 2):
-        truth = float(device.spring_laws[k - 1].stiffness(angles[0] - angles[k]))
+        truth = float(device.springs[k - 1].stiffness(angles[0] - angles[k]))
         value, sd = own[f"stiffness_{k}"].iloc[-1], own[f"stiffness_{k}_standard_deviation"].iloc[-1]
         assert abs(value - truth) < 4.0 * sd + 0.05 * truth
 

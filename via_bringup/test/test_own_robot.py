@@ -11,6 +11,7 @@ from typer.testing import CliRunner, Result
 from via_bringup.cli import app
 from via_bringup.cli.gap_arm import diagnosed_arm
 from via_core.devices import load_device
+from via_core.recordings.entries import Constants
 from via_gap import diagnose, frames
 from via_gap.logs.log import read_log
 from via_gap.report.report import read_report
@@ -151,7 +152,7 @@ def test_a_diagnosis_of_an_arm_names_what_its_model_states_and_it_does_not_use(
     (tmp_path / "robot.xml").write_text(text)
     write_arm(tmp_path / "arm.parquet")
     monkeypatch.setattr("via_gap.run.arms.diagnose_arm", lambda *each: ArmDiagnosis((), ()))
-    diagnosed_arm(str(tmp_path / "robot.xml"), [tmp_path / "arm.parquet"], [], (None, None), lambda *each: None)
+    diagnosed_arm(str(tmp_path / "robot.xml"), [tmp_path / "arm.parquet"], [], Constants(), lambda *each: None)
     said = capfd.readouterr().err
     assert "note: elbow: stiffness 3 about 0.5: not used" in said
     assert said.count("assets are left out") == 1 and "taken as rigid" not in said and "--arm" not in said

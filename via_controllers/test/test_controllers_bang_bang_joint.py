@@ -15,7 +15,7 @@ STEP, FINE = 1e-3, 10  # [s]; integration steps per sample
 def swung(seconds, held=(np.inf, np.inf), start=1.0):
     """Link angles [rad] and switches at each sample of the joint from rest; the link is clamped between two times."""
     controller = BangBangJointParameters(start=start).build().supervisor.controller.controller
-    link, motor, spring = DEVICE.link, DEVICE.motors[0], DEVICE.spring_laws[0]
+    link, motor, spring = DEVICE.link, DEVICE.motors[0], DEVICE.springs[0]
     q = speed = theta = rate = 0.0
     state, angles, switches = controller.init(), [], []
     for tick in range(round(seconds / STEP)):

@@ -35,9 +35,7 @@ def test_the_link_rests_there_with_that_stiffness(name, q, share):
 
 def slow_rest(device, q, preset):
     """`resting` with scipy and the device's spring laws."""
-    reach = min(spring.max_deflection for spring in device.spring_laws) - preset * (
-        device.arrangement == "antagonistic"
-    )
+    reach = min(spring.max_deflection for spring in device.springs) - preset * (device.arrangement == "antagonistic")
     load = device.link.gravity_torque * np.sin(q - device.link.gravity_angle)
 
     def off(x):

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from via_controllers.arms.flexibility_torque import FlexibilityTorque, TorqueReference
 from via_controllers.contract import ArmSample
 from via_core.errors import ParameterError
-from via_core.springs import cubic_spring, linear_spring
+from via_core.springs import CubicSpring, LinearSpring
 from via_core.vsa_arms import VsaArm, load_vsa_arm
 
 ARM = load_vsa_arm("reference_4dof")
 MIXED = replace(
     ARM,
-    springs=(ARM.springs[0], linear_spring(80.0, 0.6), replace(ARM.springs[2], a=4.0), ARM.springs[3]),
+    springs=(ARM.springs[0], LinearSpring(0.6, 80.0), replace(ARM.springs[2], a=4.0), ARM.springs[3]),
     motor_friction=np.array([0.5, 0.0, 0.2, 0.1]),
 )
 OMEGA = 100.0  # [rad/s]
@@ -87,7 +87,7 @@ def test_invalid_bandwidths_are_refused(bandwidth):
 
 def test_a_spring_without_stiffness_gives_no_infinite_torque():
     """The torque of a cubic spring at zero deflection cannot be controlled: the motor stays passive."""
-    arm = replace(ARM, springs=(cubic_spring(10.0, 0.6), *ARM.springs[1:]))
+    arm = replace(ARM, springs=(CubicSpring(0.6, 10.0), *ARM.springs[1:]))
     controller, (sample, wanted) = FlexibilityTorque(arm, OMEGA), case(2)
     sample = replace(sample, theta=np.array([sample.q[0], *sample.theta[1:]]))
     with np.errstate(divide="ignore", invalid="ignore"):

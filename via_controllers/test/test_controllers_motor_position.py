@@ -10,7 +10,7 @@ from via_controllers.contract import JointSample
 from via_controllers.joints.motor_position import MotorPositionControl
 from via_controllers.joints.multisine import Multisine
 from via_core.errors import ParameterError
-from via_core.springs import cubic_spring
+from via_core.springs import CubicSpring
 
 STEP = 1e-3  # [s]
 MOTOR_FRICTION = 1.27  # [N m s/rad]
@@ -22,7 +22,7 @@ def still(mean: float) -> Multisine:
 
 @pytest.fixture
 def controller() -> MotorPositionControl:
-    spring = cubic_spring(10.0, 3.0)
+    spring = CubicSpring(3.0, 10.0)
     return MotorPositionControl(
         springs=(spring, spring),
         equilibrium=still(0.2),
@@ -83,7 +83,7 @@ def test_velocity_passes_a_first_order_low_pass(controller):
 
 
 def test_static_torque_of_each_motor_is_that_of_its_own_spring(controller):
-    controller = replace(controller, springs=(cubic_spring(10.0, 3.0), cubic_spring(40.0, 3.0)), fade_in=1e-6)
+    controller = replace(controller, springs=(CubicSpring(3.0, 10.0), CubicSpring(3.0, 40.0)), fade_in=1e-6)
     reference = controller.references(1.0, np.zeros(2))
     state, _ = controller.step(controller.init(), JointSample(0.0, 0.2, reference))
     _, out = controller.step(state, JointSample(1.0, 0.2, reference))
@@ -92,7 +92,7 @@ def test_static_torque_of_each_motor_is_that_of_its_own_spring(controller):
 
 @given(q=st.floats(-10, 10), one=st.floats(-100, 100), two=st.floats(-100, 100))
 def test_limits_hold_everywhere(q, one, two):
-    spring = cubic_spring(10.0, 3.0)
+    spring = CubicSpring(3.0, 10.0)
     controller = MotorPositionControl((spring, spring), still(0.0), still(0.5), 500.0, 1.0, 300.0, (6.0, 2.0), 0.1)
     state, _ = controller.step(controller.init(), JointSample(0.0, 0.0, np.zeros(2)))
     _, out = controller.step(state, JointSample(STEP, q, np.array([one, two])))

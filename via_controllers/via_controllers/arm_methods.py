@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from via_core.hopper import JOINTS, Hopper
 from via_core.parameters import parameter
-from via_core.signals import Array
 from via_core.vsa_arms import load_vsa_arm
 
 from via_controllers.arms.adaptive_limit_cycle import AdaptiveLimitCycle
@@ -113,30 +112,9 @@ class HoppingParameters(ControllerParameters):
     adaptation: float = parameter(50.0, "gamma, adaptation rate of w_1", "1/(rad^2 s)", (0.0, 1e6), live=True)
 
     def build(self) -> ControlledArm:
-        legs = HopperWithLimits()
+        legs = Hopper()
         motors = legs.crouched(self.crouch)
         hold = MotorPd(legs, motors, legs.standing(self.crouch), self.bandwidth)
         controller = ModalBangBang(hold, np.sign(motors), self.amplitude, self.threshold, self.adaptation)
         holding = replace(controller, amplitude=0.0)
         return ControlledArm("hopper", JOINTS, Supervisor(controller, holding, ArmLimits(legs)))
-
-
-@dataclass(frozen=True)
-class HopperWithLimits(Hopper):
-    """The hopper as a `LimitedArm` whose only limits are motor torques."""
-
-    @property
-    def motor_friction(self) -> Array:
-        return np.zeros(self.n)
-
-    @property
-    def speed_limit(self) -> Array:
-        return np.full(self.n, np.inf)
-
-    @property
-    def deflection_limit(self) -> Array:
-        return np.full(self.n, np.inf)
-
-    def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
-        """Spring torques and zero accelerations: these matter only for deflection limits."""
-        return self.spring_state(q - theta)[0], np.zeros(self.n)

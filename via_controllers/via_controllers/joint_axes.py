@@ -69,7 +69,7 @@ class JointAxes:
         device = self.device
         require(bool(device.springs), f"device: '{device.name}' has no springs")
         require(device.drive == "torque", f"device: the motors of '{device.name}' take no torques")
-        motors, springs = device.torque_motors, device.spring_laws
+        motors, springs = device.torque_motors, device.springs
         derived = {
             "motor_inertia": [motor.inertia for motor in motors],
             "motor_friction": [motor.viscous_friction for motor in motors],

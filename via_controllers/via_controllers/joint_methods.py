@@ -61,7 +61,7 @@ class ExcitationParameters(ControllerParameters):
             player = PlayedCommands(**self.shared(PlayedCommands) | own | played)
             return ControlledJoint(axes, JointSupervisor.of(player, axes))
         sines: dict[str, Any] = {
-            "springs": limited.spring_laws,
+            "springs": limited.springs,
             "equilibrium": Multisine(self.equilibrium_mean, self.equilibrium_amplitudes, self.equilibrium_frequencies),
             "preset": Multisine(self.preset_mean, self.preset_amplitudes, self.preset_frequencies),
         }

@@ -21,7 +21,7 @@ MOTION = np.arange(1500) * PERIOD  # three seconds
 def moved(device, inertia=1.0, damping=1.0, spring=1.0, friction=0.0, offset=0.0, noise=0.0, time=MOTION, pace=1.0):
     """Samples of a device in smooth motion under the torques that it needs; factors of its file and of speed."""
     rng = np.random.default_rng(1)
-    reach = 0.35 * device.spring_laws[0].max_deflection
+    reach = 0.35 * device.springs[0].max_deflection
     theta, torque = [], []
     q = 0.3 * reach * np.sin(5.0 * pace * time)
     middle = time - 0.5 * (time[1] - time[0])  # a torque acts over the interval that ends at its stamp
@@ -32,7 +32,7 @@ def moved(device, inertia=1.0, damping=1.0, spring=1.0, friction=0.0, offset=0.0
             return reach * (sign + 0.5 * np.sin(own * t))
 
         rate, bend = 0.5 * reach * own * np.cos(own * middle), -0.5 * reach * own**2 * np.sin(own * middle)
-        load = device.spring_laws[i].torque(0.3 * reach * np.sin(5.0 * pace * middle) - angle(middle))
+        load = device.springs[i].torque(0.3 * reach * np.sin(5.0 * pace * middle) - angle(middle))
         tau = inertia * motor.inertia * bend + damping * motor.viscous_friction * rate - spring * load
         size = np.sqrt(np.mean(tau**2))
         theta.append(angle(time))
@@ -273,7 +273,7 @@ def test_a_motor_that_creeps_through_its_friction_is_no_fault():
     samples = sound._replace(q=q, theta=theta)
 
     def of_motor_1(torque):
-        both = np.column_stack([held - QBMOVE.spring_laws[0].torque(q - creep) + torque, sound.torque[:, 1]])
+        both = np.column_stack([held - QBMOVE.springs[0].torque(q - creep) + torque, sound.torque[:, 1]])
         return equations_of(QBMOVE)[0].share(samples._replace(torque=both).between(0.9, 1.9))
 
     assert not of_motor_1(noise).impossible
@@ -293,7 +293,7 @@ def test_declared_friction_that_builds_up_with_travel_is_no_fault(travel):
         built[k] = np.sign(step) + (built[k - 1] - np.sign(step)) * np.exp(-abs(step) / travel)
     speed = np.gradient(theta, MOTION)
     torque = motor.inertia * np.gradient(speed, MOTION) + motor.viscous_friction * speed + friction * built
-    torque = torque - QBMOVE.spring_laws[0].torque(q - theta)
+    torque = torque - QBMOVE.springs[0].torque(q - theta)
     samples = sound._replace(
         q=q, theta=np.column_stack([theta, sound.theta[:, 1]]), torque=np.column_stack([torque, sound.torque[:, 1]])
     )
@@ -318,7 +318,7 @@ def test_a_motion_that_has_only_begun_is_no_fault(device):
         return np.maximum(t - start, 0.0)
 
     theta, torque = [], []
-    for sign, motor, spring in zip((1.0, -1.0), device.motors, device.spring_laws, strict=True):
+    for sign, motor, spring in zip((1.0, -1.0), device.motors, device.springs, strict=True):
         base, ago, later = 0.3 * spring.max_deflection, since(time), since(middle)
         angle = sign * (base + size * (1.0 - (1.0 + w * ago) * np.exp(-w * ago)))
         then = sign * (base + size * (1.0 - (1.0 + w * later) * np.exp(-w * later)))

@@ -20,7 +20,7 @@ def moved(inertia=1.0, servo=(1.0, 1.0, 1.0), gain=1.0, friction=0.0, hold=None)
     fine = np.arange(0.0, 4.1, 1e-3)
     command = 0.5 * np.sin(5.0 * fine) + 0.35 * np.sin(12.0 * fine)
     theta = _follow(fine, command, FILE * servo)
-    spring, link = DEVICE.spring_laws[0], DEVICE.link
+    spring, link = DEVICE.springs[0], DEVICE.link
 
     def rates(time, x):
         load = gain * float(spring.torque(x[0] - np.interp(time, fine, theta), 0.6))

@@ -1,5 +1,7 @@
 """Servo step against the matrix exponential; damper maps against their printed formulas."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -48,12 +50,16 @@ def test_maccepavd_damper_is_the_published_formula() -> None:
 def test_linear_damper_covers_the_range_of_equation_80() -> None:
     t = np.linspace(0.0, 20.0, 400)
     wanted = 1 + 1.4 * np.sin(0.05 * np.pi * t) ** 2 + 1.7 * np.sin(0.1 * np.pi * t) ** 2
-    damper = LinearDamper(1.0, 4.1)
+    damper = LinearDamper(site="link", minimum=1.0, maximum=4.1)
     np.testing.assert_allclose(damper.value((wanted - 1.0) / 3.1), wanted, rtol=1e-12)
     np.testing.assert_array_equal(damper.value([[-1.0, 2.0]]), [[1.0, 4.1]])
 
 
-@pytest.mark.parametrize("damper", [LinearDamper(0.2, 3.0), TwoStageDamper(0.1, 2.0, 0.5)])
+LINEAR_DAMPER = LinearDamper(site="link", minimum=0.2, maximum=3.0)
+TWO_STAGES = TwoStageDamper(site="link", minimum=0.1, stage=2.0, second=0.5)
+
+
+@pytest.mark.parametrize("damper", [LINEAR_DAMPER, TWO_STAGES])
 def test_damping_never_falls_with_the_command_and_kernel_equals_method(damper) -> None:
     u = np.linspace(-0.2, 1.2, 57)
     values = damper.value(u)
@@ -66,12 +72,12 @@ def test_damping_never_falls_with_the_command_and_kernel_equals_method(damper) -
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: LinearDamper(-0.1, 1.0), "minimum must be finite and >= 0"),
-        (lambda: LinearDamper(0.0, float("nan")), "maximum must be finite"),
-        (lambda: LinearDamper(2.0, 2.0), "must grow with the command"),
-        (lambda: LinearDamper(2.0, 1.0), "must grow with the command"),
-        (lambda: TwoStageDamper(0.0, 0.0, 0.5), "must grow with the command"),
-        (lambda: TwoStageDamper(0.0, 1.0, -0.5), "second must be finite and >= 0"),
+        (lambda: replace(LINEAR_DAMPER, minimum=-0.1), "minimum must be finite and >= 0"),
+        (lambda: replace(LINEAR_DAMPER, maximum=float("nan")), "maximum must be finite"),
+        (lambda: replace(LINEAR_DAMPER, minimum=3.0), "must grow with the command"),
+        (lambda: replace(LINEAR_DAMPER, minimum=4.0), "must grow with the command"),
+        (lambda: replace(TWO_STAGES, stage=0.0), "must grow with the command"),
+        (lambda: replace(TWO_STAGES, second=-0.5), "second must be finite and >= 0"),
     ],
 )
 def test_impossible_dampers_are_refused(make, message: str) -> None:

@@ -276,6 +276,14 @@ def test_the_word_that_differs_between_positions_is_the_joint_without_a_model() 
     assert remark.startswith("several columns look like the position: raw enc (deg), filtered enc (deg); 'raw")
 
 
+def test_remarks_name_the_columns_of_the_joint_that_the_recording_calls_otherwise() -> None:
+    time = 1e-2 * np.arange(50.0)
+    columns = {f"m{k}_{what}": np.sin(time + k) for k in (1, 2) for what in ("pos", "temp")}
+    tables = {"": pandas.DataFrame({"time": time, **columns})}
+    (left,) = entries_of(tables, guess_columns(tables), "elbow", Constants(joint="1")).remarks
+    assert left == "columns not used: m1_temp"
+
+
 def test_columns_of_a_temperature_a_duty_and_a_rate_are_not_the_motion() -> None:
     others = {"winding_temp_degC": 36.5 + 0.0 * TIME, "duty_percent": 50.0 * ANGLE, "loop_Hz": 500.0 + ANGLE}
     frame = pandas.DataFrame({"t": TIME, "act_pos_deg": ANGLE, **others})

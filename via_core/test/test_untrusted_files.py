@@ -53,15 +53,26 @@ BOMBS = {
 }
 
 
+LOADERS = (
+    (load_device, DeviceError),
+    (load_mapping, ImportMapError),
+    (lambda path: read_arm(ArmFile, "arms", path), DeviceError),
+)
+
+
+@pytest.mark.parametrize(("load", "error"), LOADERS)
+def test_every_loader_refuses_a_key_that_a_file_states_twice(load, error, tmp_path):
+    (tmp_path / "twice.yaml").write_text("remark: a\nremark: b\n")
+    with pytest.raises(error, match="line 2 duplicate key 'remark'"):
+        load(tmp_path / "twice.yaml")
+
+
 @pytest.mark.parametrize("bomb", BOMBS)
 def test_a_bomb_of_yaml_is_refused_by_every_loader(bomb, tmp_path):
     file = tmp_path / "bomb.yaml"
     file.write_text(BOMBS[bomb])
     begin = time.process_time()
-    for load, error in (
-        (load_device, DeviceError), (load_mapping, ImportMapError),
-        (lambda path: read_arm(ArmFile, "arms", path), DeviceError),
-    ):  # fmt: skip
+    for load, error in LOADERS:
         with pytest.raises(error) as found:
             load(file)
         text = str(found.value)

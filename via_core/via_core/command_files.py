@@ -14,8 +14,10 @@ import numpy as np
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
+from via_core.wire import REFERENCES, UNITS
 
-COMMAND_UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "external_torque": "N m", "motor": "N m"}
+COMMANDS = (*REFERENCES, "external_torque", "motor")  # channels
+COMMAND_UNITS = {**UNITS, "motor": "N m"}
 
 
 def read_table(path: Path) -> tuple[list[str], dict[str, Array]]:
@@ -54,7 +56,7 @@ def read_motion(path: Path, device: Device) -> Signals:
     if "time" not in columns or not len(columns["time"]):
         raise SignalError(f"{path}: no column 'time' with numbers; there are: {', '.join(header) or 'none'}")
     motors = [columns[f"motor_{i + 1}"] for i in range(device.n_motors) if f"motor_{i + 1}" in columns]
-    channels = {name: columns[name] for name in COMMAND_UNITS if name in columns}
+    channels = {name: columns[name] for name in COMMANDS if name in columns}
     if motors:
         channels["motor"] = np.column_stack(motors)
     if not channels:

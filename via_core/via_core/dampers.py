@@ -8,13 +8,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import isfinite
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
+from pydantic import ConfigDict, Discriminator, WrapValidator
 
 from via_core.errors import ParameterError
+from via_core.records import NotNegative, Positive, refused
 from via_core.signals import Array
 
 LINEAR, TWO_STAGE = range(2)
@@ -37,16 +39,18 @@ def _value_each(kind: int, c: Array, u: Array, out: Array) -> None:
         out[n] = damper_value(kind, c, u[n])
 
 
-@dataclass(frozen=True)
-class DamperMap(ABC):
-    """A map from damping command to damping; `minimum` is the damping at command 0 [N m s/rad]."""
+@dataclass(frozen=True, kw_only=True)
+class Damper(ABC):
+    """A damper and its map from damping command to damping, which `map` names in files."""
 
-    minimum: float
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+    site: Literal["link", "transmission"]  # damping acts on qd, or on phid
+    minimum: NotNegative = 0.0  # [N m s/rad] at command 0
     kind: ClassVar[int]
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (isfinite(value) and value >= 0.0):
+            if not isinstance(value, str) and not (isfinite(value) and value >= 0.0):
                 raise ParameterError(f"{name} must be finite and >= 0, got {value}")
         if not self.coefficients()[1] > 0.0:
             raise ParameterError(f"the damping must grow with the command, got {self}")
@@ -63,27 +67,32 @@ class DamperMap(ABC):
         return out.reshape(at.shape)
 
 
-@dataclass(frozen=True)
-class LinearDamper(DamperMap):
+@dataclass(frozen=True, kw_only=True)
+class LinearDamper(Damper):
     """d(u) = minimum + (maximum - minimum) u."""
 
-    maximum: float  # [N m s/rad] at command 1
+    maximum: Positive  # [N m s/rad] at command 1
+    map: Literal["linear"] = "linear"
     kind: ClassVar[int] = LINEAR
 
     def coefficients(self) -> Array:
         return np.array([self.minimum, self.maximum - self.minimum, 0.0])
 
 
-@dataclass(frozen=True)
-class TwoStageDamper(DamperMap):
+@dataclass(frozen=True, kw_only=True)
+class TwoStageDamper(Damper):
     """d(u) = minimum + stage (clip(u/.5, 0, 1) + second clip((u - .5)/.5, 0, 1)), the electric brake of the MACCEPA-VD.
 
     The motor is braked by a growing duty cycle into a resistor, then short-circuited.
     """
 
-    stage: float  # [N m s/rad] damping of the first stage, d_max of the source
-    second: float  # [-] fraction of `stage` added by the second stage, .848 in the source
+    stage: Positive  # [N m s/rad] damping of the first stage, d_max of the source
+    second: NotNegative  # [-] fraction of `stage` added by the second stage, .848 in the source
+    map: Literal["two_stage"] = "two_stage"
     kind: ClassVar[int] = TWO_STAGE
 
     def coefficients(self) -> Array:
         return np.array([self.minimum, self.stage, self.second])
+
+
+Damping = Annotated[LinearDamper | TwoStageDamper, Discriminator("map"), WrapValidator(refused)]

@@ -1,60 +1,24 @@
-"""The entries of a device file: link, motors, springs, damper, sensors and names, each checked when it is read."""
+"""The entries of a device file: link, motors, sensors, tolerances and names, each checked when it is read.
+
+Springs are described in `via_core.springs`, dampers in `via_core.dampers`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 from math import tau
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
 
-from via_core.dampers import DamperMap, LinearDamper, TwoStageDamper
 from via_core.errors import ParameterError
-from via_core.problems import NAME
 from via_core.recordings.units import factor, kind
+from via_core.records import NotNegative, Number, Positive, Record, Text
 from via_core.signals import Array
-from via_core.springs import (
-    ExponentialSpring,
-    FourBarSpring,
-    MaccepaSpring,
-    OddPolynomialSpring,
-    SinhSpring,
-    SpringLaw,
-    TwoLeverSpring,
-    cubic_spring,
-    linear_spring,
-)
+from via_core.wire import UNITS
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
-NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
-Text = Annotated[str, Field(min_length=1)]
 LONGEST_DELAY = 0.1  # [s] of a drive, effects included: simulators keep as many commands
-
-
-# What a channel measures: the kinds of `via_core.recordings.units`.
-CHANNEL_KINDS = {
-    "time": "time", "q": "angle", "theta": "angle", "q_velocity": "speed", "theta_velocity": "speed", "tau": "torque",
-    "tau_link": "torque", "external_torque": "torque", "equilibrium": "angle", "preset": "angle",
-}  # fmt: skip
-
-
-class Record(BaseModel):
-    """An immutable record, such as an entry of a file, that refuses unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Described(Record):
-    """What a file describes, where its numbers come from, and how reliable they are."""
-
-    name: Annotated[str, Field(pattern=NAME)]
-    title: Text
-    source: Annotated[tuple[Text, ...], Field(min_length=1)]
-    confidence: Literal["measured", "published", "identified", "copied", "assumed"]
-    remark: str = ""
 
 
 class Link(Record):
@@ -133,123 +97,6 @@ Motor = Annotated[
 ]
 
 
-class _Built(Record):
-    """An entry that describes an object of `make`, which checks the numbers against each other."""
-
-    make: ClassVar[Callable[..., Any]]
-    not_arguments: ClassVar[set[str]]  # keys that `make` does not take
-
-    @property
-    def built(self) -> Any:
-        """The object that this entry describes. Raises ParameterError where its numbers are inconsistent."""
-        return type(self).make(**self.model_dump(exclude=self.not_arguments))
-
-    @model_validator(mode="after")
-    def _builds(self) -> _Built:
-        try:
-            _ = self.built
-        except ParameterError as error:
-            raise ValueError(str(error)) from None
-        return self
-
-
-class _Spring(_Built):
-    make: ClassVar[Callable[..., SpringLaw]]
-    not_arguments = {"law"}
-    max_deflection: Positive  # [rad] mechanical stop
-
-
-class Linear(_Spring):
-    make = staticmethod(linear_spring)
-    law: Literal["linear"]
-    stiffness: Positive  # [N m/rad]
-
-
-class Cubic(_Spring):
-    make = staticmethod(cubic_spring)
-    law: Literal["cubic"]
-    coefficient: Positive  # [N m/rad^3]
-
-
-class OddPolynomial(_Spring):
-    make = OddPolynomialSpring
-    law: Literal["odd_polynomial"]
-    odd_coefficients: tuple[Number, ...]  # [N m/rad^(2p+1)]
-
-
-class Sinh(_Spring):
-    make = SinhSpring
-    law: Literal["sinh"]
-    k: Positive  # [N m]
-    a: Positive  # [1/rad]
-
-
-class Exponential(_Spring):
-    make = ExponentialSpring
-    law: Literal["exponential"]
-    k: Positive  # [N m]
-    rise: Positive  # [-]
-    fall: Positive  # [-]
-    a: Positive  # [1/rad]
-
-
-class FourBar(_Spring):
-    make = FourBarSpring
-    law: Literal["four_bar"]
-    k: Positive  # [N m/rad]
-    ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1.0)]  # C [-]
-
-
-class Maccepa(_Spring):
-    make = MaccepaSpring
-    law: Literal["maccepa"]
-    k: Positive  # K [N/m]
-    lever: Positive  # B [m]
-    base: Positive  # C [m]
-    free_length: Positive  # A0 [m]
-    drum_radius: Positive  # r [m]
-
-
-class TwoLever(_Spring):
-    make = TwoLeverSpring
-    law: Literal["two_lever"]
-    k: Positive  # kappa [N/m]
-    rest_length: Positive  # s0 [m]
-    motor_lever: Positive  # L [m]
-    link_lever: Positive  # a [m]
-    offset: Number  # h [m]
-    distance: Positive  # d [m]
-    side: Literal[-1, 1]
-
-
-Spring = Annotated[
-    Linear | Cubic | OddPolynomial | Sinh | Exponential | FourBar | Maccepa | TwoLever, Field(discriminator="law")
-]
-
-
-class _Damper(_Built):
-    make: ClassVar[Callable[..., DamperMap]]
-    not_arguments = {"map", "site"}
-    site: Literal["link", "transmission"]  # damping acts on qd, or on phid
-    minimum: NotNegative = 0.0  # [N m s/rad] at command 0
-
-
-class LinearDamping(_Damper):
-    make = LinearDamper
-    map: Literal["linear"]
-    maximum: Positive  # [N m s/rad] at command 1
-
-
-class TwoStageDamping(_Damper):
-    make = TwoStageDamper
-    map: Literal["two_stage"]
-    stage: Positive  # [N m s/rad] added by the first half of the command
-    second: NotNegative  # [-] fraction of `stage` added by the second half
-
-
-Damping = Annotated[LinearDamping | TwoStageDamping, Field(discriminator="map")]
-
-
 class Sensors(Record):
     """Sensors of the device; an omitted quantum means an ideal sensor."""
 
@@ -291,16 +138,33 @@ class Tolerances(Record):
     torque_timing: Annotated[float, Field(strict=True, ge=0.0, le=0.05)] = 0.0
 
 
-class WireColumn(Record):
-    """A column of a recording in other units: value = scale * number * unit in SI + offset."""
+class UnitColumn(Record):
+    """A column of a recording: value = factor * number + offset, bit-exact for factor 1 and offset 0."""
 
     column: Text
-    topic: Text | None = None  # of a bag: the topic with this column; needs the name `joint.member` of the column
     unit: Text | None = None  # e.g. deg, rpm, counts, A; None: SI, but for `scale`
     counts_per_turn: Positive | None = None  # of an encoder whose unit is counts
     torque_constant: Number | None = None  # [N m/A] at the joint: makes a torque of a current
     scale: Number = 1.0
-    offset: Number = 0.0  # in the channel's unit
+    offset: Number = 0.0  # in the SI unit
+
+    @cached_property
+    def factor(self) -> float:
+        """SI value of one unit of the column, times `scale`. Raises ParameterError with the remedy."""
+        if self.unit is None:
+            return self.scale
+        return self.scale * factor(self.unit, self.counts_per_turn) * (self.torque_constant or 1.0)
+
+    def in_si(self, numbers: Array) -> Array:
+        """Values (N,) in SI of the numbers (N,) in the file."""
+        scaled = numbers if self.factor == 1.0 else numbers * self.factor
+        return scaled if self.offset == 0.0 else scaled + self.offset
+
+
+class WireColumn(UnitColumn):
+    """The column of a channel of a joint."""
+
+    topic: Text | None = None  # of a bag: the topic with this column; needs the name `joint.member` of the column
     enable: Text | None = None  # another column: where it is 0, the value is NaN
     measured: bool = False  # of external_torque: not a command, so that its noise counts
 
@@ -308,13 +172,6 @@ class WireColumn(Record):
     @classmethod
     def _from_header(cls, entry: Any) -> Any:
         return {"column": entry} if isinstance(entry, str) else entry
-
-    @cached_property
-    def factor(self) -> float:
-        """SI value of one unit of the column. Raises ParameterError with the remedy."""
-        if self.unit is None:
-            return self.scale
-        return self.scale * factor(self.unit, self.counts_per_turn) * (self.torque_constant or 1.0)
 
     @property
     def turn(self) -> float:
@@ -325,12 +182,13 @@ class WireColumn(Record):
         """Raise ValueError where the unit does not fit the channel."""
         if self.unit is None:
             return
+        units = {**UNITS, "time": "s"}
+        own = units.get(channel) or units.get(channel.rpartition("_")[0], "")  # of tau_1: that of tau
         try:
             _ = self.factor
-            given, wanted = kind(self.unit), CHANNEL_KINDS.get(channel.rpartition("_")[0] or channel, "")
+            given, wanted = kind(self.unit), kind(own)
         except ParameterError as error:
             raise ValueError(f"columns.{channel}: {error}") from None
-        wanted = CHANNEL_KINDS.get(channel, wanted)
         if given == wanted or not wanted or (given == "" and self.scale != 1.0):
             return
         if wanted == "torque" and given == "current":
@@ -346,7 +204,8 @@ class Wire(Record):
     link: str = ""
     motors: tuple[str, ...] = ()
     command: str = ""
-    columns: dict[str, WireColumn] = {}  # channel (time, q, theta_1, tau_1 ...) -> column of a recording
+    # channel (time, q, theta_1, tau_1 ...) -> column of a recording
+    columns: dict[str, WireColumn] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _units_fit(self) -> Wire:

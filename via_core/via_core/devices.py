@@ -10,38 +10,29 @@ estimators and nodes need not check again.
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Mapping
-from functools import cached_property
-from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike
-from pydantic import ValidationError, model_validator
+from pydantic import model_validator
 
-from via_core.dampers import DamperMap
+from via_core.dampers import Damping
 from via_core.device_parts import (
-    Damping,
-    Described,
     Link,
     Motor,
     Observed,
     PositionDrive,
-    Positive,
     Sensors,
-    Spring,
     Tolerances,
     TorqueMotor,
     Wire,
     motor_kind,
 )
 from via_core.errors import DeviceError, ParameterError
-from via_core.problems import problems
+from via_core.records import Described, Positive, parse_record, read_record, shipped_names
 from via_core.signals import Array
-from via_core.springs import SpringLaw
-from via_core.text_files import read_text, read_yaml
+from via_core.springs import Spring
 from via_core.wire import DRIVE, MOTOR, command_name, link_name, motor_name
 
 MOTORS = {"rigid": 0, "flexible": 1, "antagonistic": 2, "serial": 2}
@@ -85,13 +76,6 @@ class Device(Described):
             raise ValueError(f"wire.motors: needs 0 or {self.n_drives} names, got {len(self.wire.motors)}")
         return self
 
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Device:
-        """A copy with `update` applied, without the cached spring laws and damper map of the old values."""
-        copied = super().model_copy(update=update, deep=deep)
-        for cached in ("spring_laws", "damper_map"):
-            copied.__dict__.pop(cached, None)
-        return copied
-
     @property
     def n_motors(self) -> int:
         return len(self.motors)
@@ -105,19 +89,9 @@ class Device(Described):
     def n_transmissions(self) -> int:
         return len(self.springs)
 
-    @cached_property
-    def spring_laws(self) -> tuple[SpringLaw, ...]:
-        """One spring law per transmission."""
-        return tuple(spring.built for spring in self.springs)
-
-    @cached_property
-    def damper_map(self) -> DamperMap | None:
-        """Map from damping command to damping; None for a device without damper."""
-        return None if self.damper is None else self.damper.built
-
     def damping_of(self, u: ArrayLike) -> Array:
         """Damping [N m s/rad] that the damper adds at command u [-]; zero for a device without damper."""
-        return np.zeros(np.shape(u)) if self.damper_map is None else self.damper_map.value(u)
+        return np.zeros(np.shape(u)) if self.damper is None else self.damper.value(u)
 
     @property
     def link_joint(self) -> str:
@@ -182,7 +156,7 @@ class Device(Described):
         if motor.shape[-1:] != (self.n_motors,):
             raise ParameterError(f"theta must end in ({self.n_motors},) for '{self.name}', got shape {motor.shape}")
         values = []
-        for i, spring in enumerate(self.spring_laws):
+        for i, spring in enumerate(self.springs):
             own = motor[..., i]  # antagonistic springs may depend on their own motor's angle besides the deflection
             if self.arrangement == "serial":
                 own = motor[..., 1] if preset is None else np.asarray(preset, dtype=np.float64)
@@ -190,30 +164,9 @@ class Device(Described):
         return np.stack(values, axis=-1) if values else np.zeros((*link.shape, 0))
 
 
-class _Loader(yaml.SafeLoader):
-    """safe_load that refuses duplicate keys and reads 1e-4 as a number (YAML 1.1 reads it as text)."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        seen: set[Hashable] = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if key in seen:
-                raise yaml.constructor.ConstructorError(
-                    "", node.start_mark, f"duplicate key '{key}'", key_node.start_mark
-                )
-            seen.add(key)
-        return super().construct_mapping(node, deep)
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9][0-9_]*(?:\.[0-9_]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
-
-
 def device_names() -> tuple[str, ...]:
     """Names of the shipped devices, sorted."""
-    folder = resources.files("via_core").joinpath("devices")
-    return tuple(sorted(file.name.removesuffix(".yaml") for file in folder.iterdir() if file.name.endswith(".yaml")))
+    return shipped_names("devices")
 
 
 def load_device(name_or_path: str | Path) -> Device:
@@ -232,23 +185,9 @@ def load_device(name_or_path: str | Path) -> Device:
         from via_core.arm_joints import arm_joint  # imports pinocchio
 
         return arm_joint(of_arm[1], of_arm[2])
-    if isinstance(name_or_path, Path) or re.search(r"[/\\]|\.ya?ml$", name_or_path):
-        where, shown = Path(name_or_path), str(name_or_path)
-    else:
-        names = device_names()
-        if name_or_path not in names:
-            raise DeviceError(f"no device '{name_or_path}'; there are: {', '.join(names)}")
-        shown = f"{name_or_path}.yaml"
-        where = Path(str(resources.files("via_core").joinpath("devices", shown)))
-    return parse_device(read_text(where, DeviceError, shown), shown)
+    return read_record(Device, name_or_path, "devices", DeviceError)[1]
 
 
 def parse_device(text: str, file: str) -> Device:
     """The device described by YAML `text`; `file` is the name in errors. Raises DeviceError."""
-    content = read_yaml(text, file, DeviceError, _Loader)
-    if not isinstance(content, dict):
-        raise DeviceError(f"{file}: a device file is a mapping of keys, got {type(content).__name__}")
-    try:
-        return Device.model_validate(content)
-    except ValidationError as error:
-        raise DeviceError(f"{file}: {problems(error)}") from None
+    return parse_record(Device, text, file, DeviceError)

@@ -70,6 +70,25 @@ class Hopper:
         """(n,) [N m] of the motors."""
         return np.full(self.n, self.strongest)
 
+    @property
+    def motor_friction(self) -> Array:
+        """D (n,) [N m s/rad]: none."""
+        return np.zeros(self.n)
+
+    @property
+    def speed_limit(self) -> Array:
+        """(n,) [rad/s] of the motors: none."""
+        return np.full(self.n, np.inf)
+
+    @property
+    def deflection_limit(self) -> Array:
+        """(n,) [rad] of the springs: none."""
+        return np.full(self.n, np.inf)
+
+    def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
+        """Spring torques [N m] and zero link accelerations, (n,) each: these matter only for deflection limits."""
+        return self.spring_state(q - theta)[0], np.zeros(self.n)
+
     def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
         """tau_e [N m], sigma [N m/rad] and d sigma/d phi [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
         return self.stiffness * deflection, self.stiffness, np.zeros(self.n)

@@ -37,6 +37,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -76,6 +77,16 @@ FIXED = 7  # unknowns before the knots: b, d, c, e, g and c_l of each travel
 PARTS = FIXED + KNOTS
 
 
+class _Known(NamedTuple):
+    """What the kernels need beside samples and bounds."""
+
+    step: float  # [rad] of the motor's encoder
+    friction: float  # [N m] declared dry friction with its tolerance
+    coarse: float = 0.0  # [N m] error of the load by encoder steps
+    knots: int = 1  # values of the load factor
+    unit: float = 1.0  # of the angle, see `LinkEquation`
+
+
 @dataclass(frozen=True)
 class MotorEquation(Equation):
     """The torque equation of motor `drive`, with the bounds low, high (4,) of b, d, c, s."""
@@ -87,7 +98,7 @@ class MotorEquation(Equation):
     friction: float  # [N m] declared
 
     def share(self, samples: Samples) -> Share:
-        spring, angle = self.device.spring_laws[self.drive], samples.theta[:, self.drive]
+        spring, angle = self.device.springs[self.drive], samples.theta[:, self.drive]
         reach, deflection = FURTHEST * spring.max_deflection, samples.q - angle
         preset = samples.theta[:, -1] if self.device.arrangement == "serial" else angle
         if not np.isfinite(deflection + preset).any():  # a channel, as motor 2 of a serial joint, is not measured
@@ -105,8 +116,7 @@ class MotorEquation(Equation):
         columns = finite_columns(samples.time, samples.torque[:, self.drive], angle, deflection, load)
         # Where the link's encoder repeats one number, a frozen encoder is likelier than a change or built-up friction.
         knots = KNOTS if np.nanmax(samples.q) > np.nanmin(samples.q) else 1
-        rest = np.array([step, self.friction, coarse, knots, 1.0])
-        return Share(*_motor_share(*columns, self.low, self.high, rest))
+        return Share(*_motor_share(*columns, self.low, self.high, _Known(step, self.friction, coarse, knots)))
 
 
 @dataclass(frozen=True)
@@ -138,8 +148,8 @@ class LinkEquation(Equation):
         load = link.gravity_torque * np.sin(samples.q - link.gravity_angle)
         friction = device_factor(given.link_friction) * link.coulomb_friction
         columns = finite_columns(samples.time, samples.torque[:, 0], samples.q, np.zeros(len(samples.q)), load)
-        rest = np.array([self.unit * (self.device.sensors.link_quantum or 0.0), friction, 0.0, 1.0, self.unit])
-        return Share(*_motor_share(*columns, low, high, rest))
+        known = _Known(self.unit * (self.device.sensors.link_quantum or 0.0), friction, unit=float(self.unit))
+        return Share(*_motor_share(*columns, low, high, known))
 
 
 @dataclass(frozen=True)
@@ -221,18 +231,14 @@ def _built_up(angle: Array, unit: float) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _motor_share(
-    time: Array, torque: Array, angle: Array, deflection: Array, load: Array, low: Array, high: Array, rest: Array
+    time: Array, torque: Array, angle: Array, deflection: Array, load: Array, low: Array, high: Array, known: _Known
 ) -> tuple[float, float]:  # fmt: skip
-    """Unexplained share and ratio of the largest part to its noise, (0, 0) if unknown.
-
-    rest  encoder step [rad] of the motor, declared dry friction [N m], error of the load [N m] by encoder steps, number
-          of knots, unit of the angle (`LinkEquation`)
-    """
+    """Unexplained share and ratio of the largest part to its noise, (0, 0) if unknown."""
     noises = np.array([noise_of(torque), noise_of(angle), noise_of(load)]) ** 2
-    still = max(RESTING * rest[0], 6.0 * sqrt(noises[1]))  # a smaller range of angle is no motion
+    still = max(RESTING * known.step, 6.0 * sqrt(noises[1]))  # a smaller range of angle is no motion
     rows, wanted = np.zeros((time.size, PARTS)), np.zeros(time.size)
     moving, travel = np.zeros(time.size, dtype=np.bool_), np.zeros(time.size)
-    built = _built_up(angle, rest[4])
+    built = _built_up(angle, known.unit)
     quiet = np.zeros(3)
     count = 0
     first, last = next_row(time, 0, -1)
@@ -252,7 +258,7 @@ def _motor_share(
                     row[5 + j] += weights[0, k] * built[j, at]
                 pull += weights[0, k] * load[at]
             row[3] = 1.0
-            if rest[3] > 1.0:
+            if known.knots > 1:
                 place = (KNOTS - 1) * (0.5 * (time[first] + time[last]) - time[0]) / (time[-1] - time[0])
                 knot = min(int(place), KNOTS - 2)
                 row[FIXED + knot], row[FIXED + knot + 1] = (knot + 1 - place) * pull, (place - knot) * pull
@@ -263,7 +269,7 @@ def _motor_share(
             moving[count] = travel[count] > still
             short, bend = weights[0] @ weights[0], weights[2] @ weights[2]
             quiet += noises * np.array([short, bend, short])
-            quiet[2] += rest[2] * rest[2]  # slow motion repeats the error of an encoder step throughout a row
+            quiet[2] += known.coarse * known.coarse  # slow motion repeats the error of an encoder step throughout a row
             count += 1
         first, last = next_row(time, first, last)
     if count < PARTS:
@@ -272,12 +278,12 @@ def _motor_share(
     filed = np.sqrt(low * high)  # the numbers of the file, in the middle of their bounds
     springs = np.full(KNOTS, filed[3])
     whole = _largest(rows, wanted, filed[0], springs)
-    size, clearness = _compare(rows, wanted, moving, travel, low, high, quiet, rest)
+    size, clearness = _compare(rows, wanted, moving, travel, low, high, quiet, known)
     for j in range(PARTS):
         if j != 3:
             rows[:, j] -= rows[:, j].mean()
     wanted -= wanted.mean()
-    course, course_clearness = _compare(rows, wanted, moving, travel, low, high, quiet, rest)
+    course, course_clearness = _compare(rows, wanted, moving, travel, low, high, quiet, known)
     varying = _largest(rows, wanted, filed[0], springs)
     if course > size and course_clearness > CLEAR and varying > VARYING * VARYING * whole:
         return course, course_clearness
@@ -304,7 +310,7 @@ def _largest(rows: Array, wanted: Array, inertia: float, spring: Array) -> float
 
 @njit(cache=True, error_model="numpy")
 def _compare(
-    rows: Array, wanted: Array, moving: Array, travel: Array, low: Array, high: Array, quiet: Array, rest: Array
+    rows: Array, wanted: Array, moving: Array, travel: Array, low: Array, high: Array, quiet: Array, known: _Known
 ) -> tuple[float, float]:  # fmt: skip
     """Unexplained share of rows (n, PARTS) and torques (n,), and ratio of the largest part to its noise."""
     x, below, above = np.zeros(PARTS), np.zeros(PARTS), np.zeros(PARTS)
@@ -313,18 +319,18 @@ def _compare(
     above[3] = OFFSET * low[3] * sqrt(np.mean(_load(rows) ** 2))
     below[3] = -above[3]
     above[4] = np.inf
-    above[5:FIXED] = rest[1] if rest[3] > 1.0 else 0.0  # more would be a spring of the motor
+    above[5:FIXED] = known.friction if known.knots > 1 else 0.0  # more would be a spring of the motor
     used, y = rows[moving], wanted[moving]
     if len(used) > FIXED:
         gram, tie = used.T @ used, TIE * float(np.sum(_load(used) ** 2))
         # ties the load factor of a time without motion to that of its neighbours
-        for j in range(FIXED, FIXED + int(rest[3]) - 1):
+        for j in range(FIXED, FIXED + known.knots - 1):
             gram[j, j] += tie
             gram[j + 1, j + 1] += tie
             gram[j, j + 1] -= tie
             gram[j + 1, j] -= tie
         bounded_least_squares(gram, used.T @ y, below, above, x)
-        x[FIXED + int(rest[3]) :] = x[FIXED]
+        x[FIXED + known.knots :] = x[FIXED]
     else:  # at rest: springs and friction alone; a few rows of motion show neither inertia nor viscous friction
         x[0], x[FIXED:] = low[0], 1.0
         resting = np.flatnonzero(moving == 0)
@@ -333,9 +339,9 @@ def _compare(
             return 0.0, 0.0
     left = wanted - rows @ x
     largest = _largest(rows, wanted, x[0], x[FIXED:])
-    free = max(rest[1], x[2] + x[5:FIXED].sum() + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
+    free = max(known.friction, x[2] + x[5:FIXED].sum() + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
     for k in range(len(left)):
-        held = free if not moving[k] else rest[1] if travel[k] < PRESLIDING * rest[4] else 0.0
+        held = free if not moving[k] else known.friction if travel[k] < PRESLIDING * known.unit else 0.0
         left[k] = np.sign(left[k]) * max(abs(left[k]) - held, 0.0)
     noise = quiet[0] + x[0] * x[0] * quiet[1] + np.mean(x[FIXED:] ** 2) * quiet[2]
     if largest <= 0.0:

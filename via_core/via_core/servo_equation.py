@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import e, inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -58,23 +59,31 @@ PARTS = 4  # unknowns: M, d, c, e
 REACH = 3  # samples on either side whose difference gives the direction of motion
 
 
+class Bounds(NamedTuple):
+    """Bounds of the unknowns of the link equation."""
+
+    light: float  # least inertia [kg m^2]
+    heavy: float  # largest inertia [kg m^2]
+    damping: float  # largest [N m s/rad]
+    dry: float  # largest dry friction [N m]
+
+
 @dataclass(frozen=True)
 class ServoEquation(Equation):
     """The link equation of a device whose link is driven by a servo through one spring.
 
     servos  (K, 3) bandwidth [rad/s], speed limit [rad/s], dead time [s]
-    bounds  least and largest inertia [kg m^2], largest damping [N m s/rad], largest dry friction [N m]
     """
 
     device: Device
     servos: Array
-    bounds: Array
+    bounds: Bounds
     interval = INTERVAL
 
     def share(self, samples: Samples) -> Share:
         assert samples.command is not None
         columns = finite_columns(samples.time, samples.q, *samples.command.T)
-        time, q, spring, best = columns[0], columns[1], self.device.spring_laws[0], Share(inf, 0.0, IMPOSSIBLE)
+        time, q, spring, best = columns[0], columns[1], self.device.springs[0], Share(inf, 0.0, IMPOSSIBLE)
         used = time >= time[0] + SETTLED if len(time) else np.zeros(0, dtype=np.bool_)
         if np.count_nonzero(used) < LEAST_SAMPLES:
             return Share(0.0, 0.0, IMPOSSIBLE)
@@ -102,7 +111,7 @@ def servo_equation(device: Device) -> tuple[ServoEquation, ...]:
     servo = device.motors[0]
     if not isinstance(servo, ServoMotor) or device.n_transmissions != 1:
         return ()
-    link, given, observed, spring = device.link, device.tolerances, device.observed, device.spring_laws[0]
+    link, given, observed, spring = device.link, device.tolerances, device.observed, device.springs[0]
     factor = device_factor(observed.inertia_tolerance)
     damping = link.viscous_friction + float(device.damping_of(1.0))
     typical = float(np.mean(np.abs(spring.torque(np.linspace(0.0, spring.max_deflection, 65)))))
@@ -111,9 +120,7 @@ def servo_equation(device: Device) -> tuple[ServoEquation, ...]:
     dead, change = observed.servo_dead_time, max(observed.servo_dead_time, 1.0 / servo.bandwidth)
     servos = [(w * servo.bandwidth, v * fastest, max(dead + t * change, 0.0)) for w, v, t in SERVOS]
     most = device_factor(given.damper) * damping
-    return (
-        ServoEquation(device, np.array(servos), np.array([link.inertia / factor, link.inertia * factor, most, dry])),
-    )
+    return (ServoEquation(device, np.array(servos), Bounds(link.inertia / factor, link.inertia * factor, most, dry)),)
 
 
 @njit(cache=True, error_model="numpy")
@@ -133,7 +140,7 @@ def _follow(time: Array, command: Array, servo: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _link_share(time: Array, q: Array, load: Array, bounds: Array, step: float) -> tuple[float, float]:
+def _link_share(time: Array, q: Array, load: Array, bounds: Bounds, step: float) -> tuple[float, float]:
     """Unexplained share of the load and ratio of the largest part to its noise, (0, 0) if unknown.
 
     load  (N,) torque of spring and gravity [N m]
@@ -166,8 +173,8 @@ def _link_share(time: Array, q: Array, load: Array, bounds: Array, step: float) 
         return 0.0, 0.0
     rows, wanted, moving = rows[:count], wanted[:count], moving[:count]
     size = sqrt(wanted @ wanted / count)
-    low, high = np.zeros(PARTS), np.array([bounds[1], bounds[2], bounds[3], OFFSET * size])
-    low[0], low[3] = bounds[0], -high[3]
+    low, high = np.zeros(PARTS), np.array([bounds.heavy, bounds.damping, bounds.dry, OFFSET * size])
+    low[0], low[3] = bounds.light, -high[3]
     x = np.zeros(PARTS)
     used, y = rows[moving], wanted[moving]
     if len(used) >= PARTS:
@@ -175,7 +182,7 @@ def _link_share(time: Array, q: Array, load: Array, bounds: Array, step: float) 
     left = wanted - rows @ x
     for k in range(count):
         if not moving[k]:  # dry friction holds the link
-            left[k] = np.sign(left[k]) * max(abs(left[k]) - bounds[3], 0.0)
+            left[k] = np.sign(left[k]) * max(abs(left[k]) - bounds.dry, 0.0)
     inertial = x[0] * rows[:, 0]
     largest = max(float(wanted @ wanted), float(inertial @ inertial))
     noise = x[0] * x[0] * noise_q * bend + noise_load * short

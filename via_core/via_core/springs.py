@@ -1,7 +1,7 @@
 """Spring laws: flexibility torque tau_e(phi) and stiffness sigma(phi) = d tau_e / d phi, phi = q - theta (eqs. 1-8).
 
-A class per spring law: its parameters, their checks and the row of coefficients with which compiled code evaluates the
-equations of its `kind` (spring_equations.py). Plants, estimators and plots share them.
+A class per spring law: its parameters, as a device file states them, their checks, and the row of coefficients with
+which compiled code evaluates the equations of its `kind` (spring_equations.py). Plants, estimators and plots share it.
 
 `preset` [rad] is a motor angle on which the torque depends besides the deflection: of the stiffness motor in a serial
 arrangement, of the transmission's own motor, theta_i, in an antagonistic one. Most springs ignore it. The stiffness is
@@ -12,16 +12,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import asin, sqrt
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
+from pydantic import ConfigDict, Discriminator, Field, WrapValidator
 
 from via_core.errors import ParameterError
+from via_core.records import Number, Positive, refused
 from via_core.signals import Array, locked
 from via_core.spring_equations import (
     EXPONENTIAL,
@@ -60,19 +62,20 @@ Kernel = Callable[[int, Array, Array, Array, Array], None]
 
 @dataclass(frozen=True)
 class SpringLaw(ABC):
-    """Torque-deflection characteristic of a flexible transmission.
+    """Torque-deflection characteristic of a flexible transmission; files select one by its name, such as `law: sinh`.
 
     max_deflection  [rad] mechanical stop
     odd             whether tau_e(-phi) = -tau_e(phi), so that an odd basis can represent it
     """
 
-    max_deflection: float
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", serialize_by_alias=True)
+    max_deflection: Positive
     kind: ClassVar[int]
     odd: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not np.all(np.isfinite(value)):
+            if not isinstance(value, str) and not np.all(np.isfinite(value)):
                 raise ParameterError(f"{name} must be finite, got {value}")
         _positive(self, "max_deflection")
         self._check()
@@ -146,7 +149,8 @@ def _row(*values: float) -> Array:
 class OddPolynomialSpring(SpringLaw):
     """tau_e = sum_p c_p phi^(2p+1): a linear spring is (k,), the cubic spring (35) is (0, 10)."""
 
-    odd_coefficients: tuple[float, ...]  # c_p [N m/rad^(2p+1)], at most 8
+    odd_coefficients: tuple[Number, ...]  # c_p [N m/rad^(2p+1)], at most 8
+    law: Literal["odd_polynomial"] = field(default="odd_polynomial", kw_only=True)
     kind: ClassVar[int] = ODD_POLYNOMIAL
 
     def _check(self) -> None:
@@ -171,22 +175,43 @@ class OddPolynomialSpring(SpringLaw):
         return _row(*self.odd_coefficients)
 
 
-def linear_spring(stiffness: float, max_deflection: float) -> OddPolynomialSpring:
-    """tau_e = k phi, k [N m/rad]."""
-    return OddPolynomialSpring(max_deflection, (stiffness,))
+@dataclass(frozen=True)
+class LinearSpring(SpringLaw):
+    """tau_e = k phi; a file calls k `stiffness`."""
+
+    k: Annotated[Positive, Field(alias="stiffness")]  # [N m/rad]
+    law: Literal["linear"] = field(default="linear", kw_only=True)
+    kind: ClassVar[int] = ODD_POLYNOMIAL
+
+    def _check(self) -> None:
+        _positive(self, "k")
+
+    def coefficients(self) -> Array:
+        return _row(self.k)
 
 
-def cubic_spring(coefficient: float, max_deflection: float) -> OddPolynomialSpring:
-    """tau_e = c phi^3, c [N m/rad^3], eq. (35)."""
-    return OddPolynomialSpring(max_deflection, (0.0, coefficient))
+@dataclass(frozen=True)
+class CubicSpring(SpringLaw):
+    """tau_e = c phi^3, eq. (35)."""
+
+    coefficient: Positive  # c [N m/rad^3]
+    law: Literal["cubic"] = field(default="cubic", kw_only=True)
+    kind: ClassVar[int] = ODD_POLYNOMIAL
+
+    def _check(self) -> None:
+        _positive(self, "coefficient")
+
+    def coefficients(self) -> Array:
+        return _row(0.0, self.coefficient)
 
 
 @dataclass(frozen=True)
 class SinhSpring(SpringLaw):
     """tau_e = k sinh(a phi), the spring of the qbmove family."""
 
-    k: float  # [N m]
-    a: float  # [1/rad]
+    k: Positive  # [N m]
+    a: Positive  # [1/rad]
+    law: Literal["sinh"] = field(default="sinh", kw_only=True)
     kind: ClassVar[int] = SINH
 
     def _check(self) -> None:
@@ -204,10 +229,11 @@ class ExponentialSpring(SpringLaw):
     Source: bavs_plugin.cpp of NMMI/ROS-Gazebo-compliant-actuators-plugin, written for theta - q = -phi.
     """
 
-    k: float  # [N m]
-    rise: float  # [-]
-    fall: float  # [-]
-    a: float  # [1/rad]
+    k: Positive  # [N m]
+    rise: Positive  # [-]
+    fall: Positive  # [-]
+    a: Positive  # [1/rad]
+    law: Literal["exponential"] = field(default="exponential", kw_only=True)
     kind: ClassVar[int] = EXPONENTIAL
     odd: ClassVar[bool] = False
 
@@ -222,8 +248,9 @@ class ExponentialSpring(SpringLaw):
 class FourBarSpring(SpringLaw):
     """tau_e = 2 k beta(phi) dbeta/dphi of the VSA-II four-bar linkage, eqs. (50)-(51)."""
 
-    k: float  # [N m/rad] spring inside the linkage
-    ratio: float  # C > 1 [-] of eq. (51)
+    k: Positive  # [N m/rad] spring inside the linkage
+    ratio: Annotated[Number, Field(gt=1.0)]  # C [-] of eq. (51)
+    law: Literal["four_bar"] = field(default="four_bar", kw_only=True)
     kind: ClassVar[int] = FOUR_BAR
 
     def _check(self) -> None:
@@ -248,11 +275,12 @@ class MaccepaSpring(SpringLaw):
     the opposite sign for m1 - q = -phi.
     """
 
-    k: float  # K [N/m] spring rate
-    lever: float  # B [m]
-    base: float  # C [m]
-    free_length: float  # A0 [m] length A at which the spring is slack at preset 0; C - B in the robot
-    drum_radius: float  # r [m]
+    k: Positive  # K [N/m] spring rate
+    lever: Positive  # B [m]
+    base: Positive  # C [m]
+    free_length: Positive  # A0 [m] length A at which the spring is slack at preset 0; C - B in the robot
+    drum_radius: Positive  # r [m]
+    law: Literal["maccepa"] = field(default="maccepa", kw_only=True)
     kind: ClassVar[int] = MACCEPA
 
     def _check(self) -> None:
@@ -280,13 +308,14 @@ class TwoLeverSpring(SpringLaw):
     source, a spring shorter than s0 pushes.
     """
 
-    k: float  # kappa [N/m] spring rate
-    rest_length: float  # s0 [m]
-    motor_lever: float  # L [m]
-    link_lever: float  # a [m]
-    offset: float  # h [m] across, from the link axis to the motor axis
-    distance: float  # d [m] along, from the link axis to the motor axis
-    side: float  # -1 or +1
+    k: Positive  # kappa [N/m] spring rate
+    rest_length: Positive  # s0 [m]
+    motor_lever: Positive  # L [m]
+    link_lever: Positive  # a [m]
+    offset: Number  # h [m] across, from the link axis to the motor axis
+    distance: Positive  # d [m] along, from the link axis to the motor axis
+    side: Literal[-1, 1]
+    law: Literal["two_lever"] = field(default="two_lever", kw_only=True)
     kind: ClassVar[int] = TWO_LEVER
     odd: ClassVar[bool] = False
 
@@ -301,3 +330,17 @@ class TwoLeverSpring(SpringLaw):
 
     def coefficients(self) -> Array:
         return _row(self.k, self.rest_length, self.motor_lever, self.link_lever, self.offset, self.distance, self.side)
+
+
+Spring = Annotated[  # selected by its name, such as `law: sinh`
+    LinearSpring
+    | CubicSpring
+    | OddPolynomialSpring
+    | SinhSpring
+    | ExponentialSpring
+    | FourBarSpring
+    | MaccepaSpring
+    | TwoLeverSpring,
+    Discriminator("law"),
+    WrapValidator(refused),
+]

@@ -23,12 +23,13 @@ import pinocchio
 from numba import njit
 from pydantic import Field
 
-from via_core.arm_files import ArmFile, arm_names, read_arm
-from via_core.device_parts import Described, Number, Record, Spring, Text, TorqueMotor
+from via_core.arm_files import ArmFile, read_arm
+from via_core.device_parts import TorqueMotor
 from via_core.errors import DeviceError, ParameterError
+from via_core.records import Described, NotNegative, Number, Record, Text, read_record, shipped_names
 from via_core.signals import Array, locked
 from via_core.spring_equations import spring_stiffness, spring_stiffness_slope, spring_torque
-from via_core.springs import SpringLaw
+from via_core.springs import Spring, SpringLaw
 
 BALANCE = 1e-9  # [N m] largest torque error of an arm at rest
 LINE = 1e-4  # [rad] step of central differences: second derivatives of M are then accurate to 1e-9
@@ -41,7 +42,7 @@ class VsaJoint(Record):
     motor: TorqueMotor
     spring: Spring
     preset: Number = 0.0  # [rad] of the preset motor
-    link_friction: Annotated[Number, Field(ge=0.0)] = 0.0  # [N m s/rad] viscous
+    link_friction: NotNegative = 0.0  # [N m s/rad] viscous
 
 
 class VsaArmFile(Described, ArmFile):
@@ -320,12 +321,12 @@ class VsaArm:
 
 def vsa_arm_names() -> tuple[str, ...]:
     """Names of the shipped arms, sorted."""
-    return arm_names("vsa_arms")
+    return shipped_names("vsa_arms")
 
 
 def arm_file(name_or_path: str | Path) -> VsaArmFile:
     """Contents of the file of a shipped arm, or of the arm of a YAML file. Raises DeviceError."""
-    return read_arm(VsaArmFile, "vsa_arms", name_or_path)[1]
+    return read_record(VsaArmFile, name_or_path, "vsa_arms", DeviceError)[1]
 
 
 def load_vsa_arm(name_or_path: str | Path) -> VsaArm:
@@ -353,7 +354,7 @@ def _built(shown: str, file: VsaArmFile, model: pinocchio.Model) -> VsaArm:
         name=file.name,
         model=model,
         tip=file.tip,
-        springs=tuple(joint.spring.built for joint in file.joints),
+        springs=tuple(joint.spring for joint in file.joints),
         presets=np.array([joint.preset for joint in file.joints]),
         motor_inertia=np.array([motor.inertia for motor in motors]),
         motor_friction=np.array([motor.viscous_friction for motor in motors]),

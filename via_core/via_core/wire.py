@@ -23,8 +23,8 @@ REFERENCES = ("equilibrium", "preset", "damping")  # members of a VsaCommand tha
 EQUILIBRIUM_PRESET, MOTOR_POSITION, MOTOR_TORQUE = 0, 1, 2  # VsaCommand.mode
 UNITS = {
     "q": "rad", "q_velocity": "rad/s", "tau_link": "N m", "theta": "rad", "theta_velocity": "rad/s", "tau": "N m",
-    "equilibrium": "rad", "preset": "rad", "damping": "-",
-}  # fmt: skip
+    "equilibrium": "rad", "preset": "rad", "damping": "-", "external_torque": "N m", "neighbour": "rad",
+}  # of all channels but `motor`, which are angles or torques by the mode  # fmt: skip
 SECOND = 1_000_000_000  # [ns]
 
 

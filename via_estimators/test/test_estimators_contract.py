@@ -40,7 +40,7 @@ ESTIMATORS = {
     "unscented_kalman, one motor": UnscentedKalman(UnscentedKalmanParameters(transmissions=1, window=60)),
     "residual": Residual(ResidualParameters(window=60, quantum=1e-4)),
     "link_impedance": LinkImpedance(
-        MACCEPA.spring_laws[0], LinkImpedanceParameters(window=60, sampling=1e-3, minimum_motion=0.02)
+        MACCEPA.springs[0], LinkImpedanceParameters(window=60, sampling=1e-3, minimum_motion=0.02)
     ),
     "damping_directional": DampingDirectional(DampingDirectionalParameters(window=60, terms=2)),
     "damping_mixture": DampingMixture(DampingMixtureParameters(span=0.06)),

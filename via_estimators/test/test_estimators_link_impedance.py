@@ -16,7 +16,7 @@ from via_estimators.link_impedance import LinkImpedance, LinkImpedanceParameters
 from via_estimators.servo_models import Servos
 
 DEVICE = load_device("maccepavd")
-LAW = DEVICE.spring_laws[0]
+LAW = DEVICE.springs[0]
 INERTIA, QUANTUM = 3.6e-3, 5.7e-3
 SERVO = (25.0, 0.045, 6.5)  # bandwidth [rad/s], dead time [s], speed limit [rad/s]
 EXACT = LinkImpedanceParameters(

@@ -38,7 +38,7 @@ def rows_from(estimator, first):
         if f"tau_{i + 1}" in columns:
             theta = columns[f"theta_{i + 1}"]
             velocity = np.gradient(theta, t)
-            spring = device.spring_laws[i].torque(columns["q"] - theta)
+            spring = device.springs[i].torque(columns["q"] - theta)
             columns[f"tau_{i + 1}"] = (
                 motor.inertia * np.gradient(velocity, t) + motor.viscous_friction * velocity - spring
             )

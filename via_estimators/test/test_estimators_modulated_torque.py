@@ -315,11 +315,11 @@ def test_a_spring_law_that_is_not_odd_gets_even_terms_and_is_recovered():
     at_stamps = (
         inertia * np.gradient(np.gradient(motion, step), step)
         + damping * np.gradient(motion, step)
-        - device.spring_laws[0].torque(phi)
+        - device.springs[0].torque(phi)
     )
     rows[1:, 3] = 0.5 * (at_stamps[1:] + at_stamps[:-1])
     _, estimates = ModulatedTorque(parameters).run_rows(rows[3:-3])
-    truth = device.spring_laws[0].stiffness(phi[3:-3])
+    truth = device.springs[0].stiffness(phi[3:-3])
     converged = (estimates.status == Status.OK) & (rows[3:-3, 0] > 2.0)
     assert converged.mean() > 0.5
     assert np.median(np.abs(estimates.value[:, 0] / truth - 1.0)[converged]) < 0.01
@@ -492,7 +492,7 @@ def disturbed(effect, count=20000, seed=0):
     q = 0.24 * np.sin(0.5 * turn - 0.1) + 0.11 * np.sin(1.3 * turn + 0.2)
     step = device.sensors.link_quantum
     columns, stiffness = [t, step * np.round(q / step)], 0.0
-    for motor, spring, theta in zip(device.motors, device.spring_laws, (swing + preset, swing - preset), strict=True):
+    for motor, spring, theta in zip(device.motors, device.springs, (swing + preset, swing - preset), strict=True):
         speed = np.gradient(theta, 1e-3)
         torque = motor.inertia * np.gradient(speed, 1e-3) + motor.viscous_friction * speed
         torque -= spring.torque(q - theta) + effect(t, q - theta, theta)
@@ -590,15 +590,13 @@ def test_grease_that_warms_up_is_no_change_of_the_springs(change):
 
         rate = 0.12 * pace * np.cos(pace * middle) + 0.115 * pace * np.cos(2.3 * pace * middle)
         bend = -0.12 * pace**2 * np.sin(pace * middle) - 0.2645 * pace**2 * np.sin(2.3 * pace * middle)
-        load = device.spring_laws[i].torque(link(middle) - angle(middle))
+        load = device.springs[i].torque(link(middle) - angle(middle))
         tau = motor.inertia * bend + change(middle) * motor.viscous_friction * rate - load
         theta.append(angle(time))
         torque.append(tau + motor.coulomb_friction * np.sign(rate) + 0.01 * random.normal(size=len(time)))
     channels = {"q": link(time), "theta": np.column_stack(theta), "tau": np.column_stack(torque)}
     estimates = estimator_for(device).run(Signals(time, channels, {"q": "rad", "theta": "rad", "tau": "N m"}))
-    truth = sum(
-        spring.stiffness(channels["q"] - angle) for spring, angle in zip(device.spring_laws, theta, strict=True)
-    )
+    truth = sum(spring.stiffness(channels["q"] - angle) for spring, angle in zip(device.springs, theta, strict=True))
     value, sd = estimates.column("stiffness")
     late = (time > 9.0) & (estimates.status == Status.OK)
     assert late.sum() > 0.8 * (time > 9.0).sum()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from via_core.devices import Device, load_device
@@ -26,8 +28,7 @@ def unequal(order: tuple[int, int]) -> Device:
         for i in order
     ]
     springs = [
-        sound.springs[0].model_copy(update={"k": scales[i][1] * sound.springs[0].k, "max_deflection": (0.8, 0.6)[i]})
-        for i in order
+        replace(sound.springs[0], k=scales[i][1] * sound.springs[0].k, max_deflection=(0.8, 0.6)[i]) for i in order
     ]
     return at_rate(sound.model_copy(update={"motors": tuple(motors), "springs": tuple(springs)}), 1000.0)
 
@@ -38,7 +39,7 @@ def motion(order: tuple[int, int], count: int = 5000) -> dict[str, np.ndarray]:
     turn, columns = 2.0 * np.pi * t, {"time": t}
     columns["q"] = 0.15 * np.sin(0.9 * turn)
     for place, i in enumerate(order):
-        motor, spring = device.motors[i], device.spring_laws[i]
+        motor, spring = device.motors[i], device.springs[i]
         theta = (0.3 - 0.6 * i) + 0.2 * np.sin((1.1 + 0.5 * i) * turn)
         speed = np.gradient(theta, 1e-3)
         torque = motor.inertia * np.gradient(speed, 1e-3) + motor.viscous_friction * speed

@@ -30,7 +30,7 @@ COLUMNS = ("q", "theta_1", "tau_1", "theta_2")
 
 def motion(preset):
     """Rows (COUNT, 5) of time and COLUMNS, and the true stiffness; preset [rad], constant or a function of time."""
-    motor, spring, random = DEVICE.motors[0], DEVICE.spring_laws[0], np.random.default_rng(2)
+    motor, spring, random = DEVICE.motors[0], DEVICE.springs[0], np.random.default_rng(2)
 
     def preset_at(t):
         return preset(t) if callable(preset) else np.full_like(t, preset)

@@ -225,7 +225,7 @@ def test_the_state_stays_bounded_over_a_day_of_motion():
 
 def joint(device, velocity, seconds=8, seed=0):
     """Rows of a joint with two motors in multi-tone motion, and its total stiffness (count,)."""
-    spring, motor = device.spring_laws[0], device.motors[0]
+    spring, motor = device.springs[0], device.motors[0]
     t, sub = 1e-3 * np.arange(1000 * seconds), 8
     fine = np.arange(-sub, sub * (len(t) - 1) + 1) * (1e-3 / sub)
 

@@ -27,7 +27,7 @@ def moved(count=4000, gain=1.0, late=0):
     q = 0.3 * np.sin(5.0 * t)
     columns, stiffness = [q], 0.0
     for i, (sign, rate) in enumerate(((1.0, 7.0), (-1.0, 9.0))):
-        motor, spring = DEVICE.motors[i], DEVICE.spring_laws[i]
+        motor, spring = DEVICE.motors[i], DEVICE.springs[i]
         theta = sign * 0.8 + 0.2 * np.sin(rate * t)
         speed, bend = 0.2 * rate * np.cos(rate * t), -0.2 * rate**2 * np.sin(rate * t)
         tau = motor.inertia * bend + motor.viscous_friction * speed - spring.torque(q - theta)

@@ -23,7 +23,7 @@ TOTAL, FIRST, SECOND = range(3)
 def columns():
     """Columns of a noiseless log of the planted joint, and the torque as a sampled curve and as held."""
     t = PERIOD * np.arange(COUNT)
-    motor, spring = DEVICE.motors[0], DEVICE.spring_laws[0]
+    motor, spring = DEVICE.motors[0], DEVICE.springs[0]
     theta, velocity, acceleration = np.zeros((3, COUNT))
     for size, pace in ((0.35, 2.0 * np.pi * 0.7), (0.12, 2.0 * np.pi * 1.9)):
         theta += size * np.sin(pace * t)

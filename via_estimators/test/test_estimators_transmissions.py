@@ -26,7 +26,7 @@ def test_scales_and_sensor_noise_come_from_the_device():
     known = transmissions.known_of(device)
     quantum = max(device.sensors.link_quantum, device.sensors.motor_quantum)
     assert known["transmissions"] == device.n_transmissions == len(transmissions.motors_of(device))
-    assert known["deflection_scale"] == device.spring_laws[0].max_deflection
+    assert known["deflection_scale"] == device.springs[0].max_deflection
     assert known["position_noise"] == pytest.approx(quantum / np.sqrt(12.0))
     assert known["minimum_motion"] >= 4.0 * quantum
 

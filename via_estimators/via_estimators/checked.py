@@ -147,7 +147,7 @@ class Checked(Wrapped):
     def _steps(self) -> tuple[Array, Array]:
         """Largest step (1 + k,) of every column between two samples, and what it grows by per second; inf: any."""
         device = self.device
-        springs = [abs(float(spring.torque(spring.max_deflection))) for spring in device.spring_laws]
+        springs = [abs(float(spring.torque(spring.max_deflection))) for spring in device.springs]
         limits = [getattr(motor, "torque_limit", None) or 0.0 for motor in device.motors]
         largest, step, rate = max([0.0, *springs, *limits]), [np.inf], [0.0]
         for name in self.inputs:
@@ -183,7 +183,7 @@ class Checked(Wrapped):
         late = max(1.0 / device.sensors.rate, given.torque_timing)
         factor, motor = device_factor(given.spring), device_factor(given.motor_inertia)
         stiffest = []
-        for spring in device.spring_laws:
+        for spring in device.springs:
             phi = np.linspace(-spring.max_deflection, spring.max_deflection, 129)
             steepest = factor * float(np.max(spring.stiffness(phi, 0.0)))
             adjustable = not np.array_equal(spring.stiffness(phi, 0.0), spring.stiffness(phi, 1.0))

@@ -170,7 +170,7 @@ class _Signals:
 
     def spring(self, made: Equations, i: int) -> dict[str, tuple[Part, ...]]:
         """<tau_e,i, psi> by unknowns, which are added to `made`."""
-        spring, tolerance, channels = self.device.spring_laws[i], self.device.tolerances.spring, self.record.channels
+        spring, tolerance, channels = self.device.springs[i], self.device.tolerances.spring, self.record.channels
         phi, angle = channels["q"] - channels[f"theta_{i + 1}"], f"theta_{i + 1}"
         if spring.kind in (MACCEPA, TWO_LEVER) or self.device.drive != "torque":
             gain = made.name(Unknown(f"gain of spring {i + 1}", f"spring {i + 1}", 1.0, 1.0, "-", tolerance))
@@ -380,7 +380,7 @@ def largest_torque(device: Device) -> float:
     """[N m] of the springs at their stops or of a position drive, at most the torque limit of the motors; else 0."""
     drive = (device.servo.torque_limit or 0.0) if device.servo is not None else 0.0
     limits = [motor.torque_limit or np.inf for motor in device.motors if isinstance(motor, TorqueMotor)]
-    torques = [abs(float(spring.torque(spring.max_deflection))) for spring in device.spring_laws]
+    torques = [abs(float(spring.torque(spring.max_deflection))) for spring in device.springs]
     return min([max([*torques, drive]), *limits])
 
 

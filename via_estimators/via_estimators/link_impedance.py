@@ -119,7 +119,7 @@ class LinkImpedance(Estimator):
         if not isinstance(servo, ServoMotor):
             raise ParameterError(f"'{device.name}' is not driven by a position servo through one spring")
         base = LinkImpedanceParameters()
-        link, observed, spring = device.link, device.observed, device.spring_laws[0]
+        link, observed, spring = device.link, device.observed, device.springs[0]
         low, high = (link.viscous_friction + float(device.damping_of(u)) for u in (0.0, 1.0))
         within = np.linspace(0.0, spring.max_deflection, 65)
         return cls(

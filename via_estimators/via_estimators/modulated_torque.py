@@ -146,7 +146,7 @@ class ModulatedTorque(Estimator):
         """Scales and priors of the order of magnitude that the device file states."""
         known = transmissions.priors_of(device) | transmissions.known_of(device) | transmissions.torques_of(device)
         window, quantum = window_for(known, device), QUANTUM * known["position_noise"]
-        shortest = min(spring.max_deflection for spring in device.spring_laws)
+        shortest = min(spring.max_deflection for spring in device.springs)
         slowest = SLOWEST * shortest * window / device.sensors.rate
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
         known |= loss_of(device, known["stiffness_prior"])
@@ -154,7 +154,7 @@ class ModulatedTorque(Estimator):
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         if device.tolerances.torque_timing > 0.0:
             known["delay_deviation"] = device.tolerances.torque_timing
-        order, even = terms_for(device.spring_laws)
+        order, even = terms_for(device.springs)
         known |= {"preset_terms": order if device.arrangement == "serial" else 0}
         return cls(ModulatedTorqueParameters(**known, order=order, even_terms=even))
 

@@ -105,7 +105,7 @@ class MotorKalman(Estimator):
         slowest = max(motor.coulomb_friction / (motor.inertia * device.sensors.rate) for motor in motors)
         known |= {"friction_velocity": max(cls.kind.friction_velocity, slowest)}
         known |= {"inertia_deviation": INERTIA_KNOWN * known["inertia_prior"]}
-        order, even = terms_for(device.spring_laws)
+        order, even = terms_for(device.springs)
         return cls(cls.kind(**known, order=order, even_terms=even))
 
     def with_parameters(self, parameters: Parameters) -> Self:

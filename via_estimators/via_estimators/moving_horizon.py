@@ -96,7 +96,7 @@ class MovingHorizon(Estimator):
     def from_device(cls, device: Device) -> MovingHorizon:
         """Scales and priors of the order of magnitude that the device file states."""
         known = transmissions.priors_of(device) | transmissions.known_of(device) | transmissions.torques_of(device)
-        order, even = terms_for(device.spring_laws)
+        order, even = terms_for(device.springs)
         return cls(MovingHorizonParameters(**known, order=order, even_terms=even))
 
     def with_parameters(self, parameters: Parameters) -> MovingHorizon:

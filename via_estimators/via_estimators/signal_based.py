@@ -74,7 +74,7 @@ class SignalBased(Estimator):
     @classmethod
     def from_device(cls, device: Device) -> SignalBased:
         """Scales and priors of the order of magnitude that the device file states."""
-        odd = all(spring.odd for spring in device.spring_laws)
+        odd = all(spring.odd for spring in device.springs)
         return cls(
             SignalBasedParameters(
                 **transmissions.priors_of(device),

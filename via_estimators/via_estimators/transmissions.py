@@ -54,7 +54,7 @@ def known_of(device: Device) -> dict[str, Any]:
 
     One number serves all transmissions and must not depend on their order: the largest scale, the least motion.
     """
-    springs, sensors = device.spring_laws, device.sensors
+    springs, sensors = device.springs, device.sensors
     stops = [spring.max_deflection for spring in springs]
     quantum = max(sensors.link_quantum or 0.0, sensors.motor_quantum or 0.0)
     strongest = max(float(spring.torque(spring.max_deflection)) for spring in springs)
@@ -79,7 +79,7 @@ def priors_of(device: Device) -> dict[str, Any]:
     One prior serves all transmissions: the mean of their numbers, with a standard deviation of the largest.
     """
     motors = driving_motors_of(device)
-    stiffness = [spring.stiffness(np.linspace(0.0, spring.max_deflection, 65)) for spring in device.spring_laws]
+    stiffness = [spring.stiffness(np.linspace(0.0, spring.max_deflection, 65)) for spring in device.springs]
     inertia, damping = [motor.inertia for motor in motors], [motor.viscous_friction for motor in motors]
     return {
         "stiffness_prior": float(np.mean(stiffness)),
@@ -98,11 +98,11 @@ def torques_of(device: Device) -> dict[str, Any]:
     the zeros of two encoders and of the torque, and to the spring law.
     """
     friction = [motor.coulomb_friction for motor in driving_motors_of(device)]
-    typical = TYPICAL * max(abs(float(spring.torque(spring.max_deflection))) for spring in device.spring_laws)
+    typical = TYPICAL * max(abs(float(spring.torque(spring.max_deflection))) for spring in device.springs)
     return {
         "friction_prior": float(np.mean(friction)),
         "friction_deviation": max(*friction, typical),
-        "constant_deviation": max(*(abs(float(spring.torque(0.0))) for spring in device.spring_laws), typical),
+        "constant_deviation": max(*(abs(float(spring.torque(0.0))) for spring in device.springs), typical),
     }
 
 

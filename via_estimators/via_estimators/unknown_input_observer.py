@@ -104,7 +104,7 @@ class UnknownInputObserver(Estimator):
         """Motor with its tolerances, scales and priors from a device file."""
         priors, torques = transmissions.priors_of(device), transmissions.torques_of(device)
         known, tolerances = transmissions.known_of(device), device.tolerances
-        order, even = terms_for(device.spring_laws)
+        order, even = terms_for(device.springs)
         return cls(
             UnknownInputObserverParameters(
                 **known,

@@ -70,7 +70,7 @@ def test_sdf_has_a_link_for_the_motor_and_a_spring() -> None:
     root = ElementTree.fromstring(made.text)
     assert [each.get("name") for each in root.iter("link")] == [f"{device.name}_{x}" for x in ("base", "motor", "link")]
     axis = f"model/joint[@name='{device.link_joint}']/axis/dynamics"
-    assert number(made, f"{axis}/spring_stiffness") == pytest.approx(device.springs[0].stiffness)
+    assert number(made, f"{axis}/spring_stiffness") == pytest.approx(device.springs[0].k)
     assert number(made, f"{axis}/spring_reference") == pytest.approx(0.1)
     parents = {each.findtext("child"): each.findtext("parent") for each in root.iter("joint")}
     assert parents[f"{device.name}_link"] == f"{device.name}_motor"

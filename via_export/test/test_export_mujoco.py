@@ -15,7 +15,7 @@ from export_joints import (
     difference,
     start_of,
 )
-from via_core.device_parts import Exponential, FourBar, Sinh
+from via_core.springs import ExponentialSpring, FourBarSpring, SinhSpring
 from via_export import export
 from via_export.mujoco_joint import MujocoJoint
 from via_export.springs import preload, spring_terms
@@ -98,7 +98,7 @@ CASES = [pytest.param(*each, id=f"{each[1].name}-{each[0]}-{each[1].motor}") for
 @pytest.mark.parametrize("name", MOTIONS)
 def test_a_device_without_effects_moves_alike(name: str) -> None:
     device = device_of(name)
-    approximated = any(isinstance(spring, Sinh | Exponential | FourBar) for spring in device.springs)
+    approximated = any(isinstance(spring, SinhSpring | ExponentialSpring | FourBarSpring) for spring in device.springs)
     found = difference(angles_in_via_sim(device, (), SECONDS), angles_in_mujoco(device, (), SECONDS))
     # friction constraints are soft; a nonlinear spring is accurate to 0.1 %
     dry = device.link.coulomb_friction > 0.0 or name == MACCEPA
@@ -236,7 +236,7 @@ def test_the_constraint_solver_converges_in_a_few_iterations(name: str) -> None:
 @pytest.mark.parametrize("name", ["cubic_demo", "qbmove_b", "dlr_bavs", "vsa2", "visco_elastic_demo"])
 def test_the_sum_of_tendons_is_the_spring_and_its_tangent_beyond_the_stop(name: str) -> None:
     target = Target.of(device_of(name))
-    spring = target.device.spring_laws[0]
+    spring = target.device.springs[0]
     stop = spring.max_deflection
     phi = np.linspace(-stop, stop, 401)
     terms = spring_terms(target, 0)

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, pi, sin
 
-from via_core.device_parts import Maccepa, TwoLever
 from via_core.spring_equations import N_COEFFICIENTS
+from via_core.springs import MaccepaSpring, TwoLeverSpring
 from via_sim.joint.parameters import LINK, P
 from via_sim.plants import GRAVITY
 
@@ -166,10 +166,10 @@ def _motor(target: Target, axis: int, names: tuple[str, ...], parts: Parts) -> N
     joint = element("joint", name=names[axis], type="hinge", axis="0 0 1", **_axis(target, axis))
     body = element("body", joint, inertial, name=f"{names[axis]}_rotor")
     parts.bodies.append(body)
-    if isinstance(spring, Maccepa) and axis == 1:
+    if isinstance(spring, MaccepaSpring) and axis == 1:
         body.append(element("site", name=f"{names[axis]}_lever", pos=(spring.lever, 0.0, 0.0)))
         parts.in_link.append(element("site", name=f"{names[0]}_base", pos=(spring.base, 0.0, 0.0)))
-    if isinstance(spring, Maccepa) and axis == 2 and device.arrangement == "serial":
+    if isinstance(spring, MaccepaSpring) and axis == 2 and device.arrangement == "serial":
         joint.set("type", "slide")  # its travel is the length on the drum
         joint.set("ref", text(spring.drum_radius * target.of_axis(P.encoder_offset, axis)))
         inertial.set("mass", inertial.get("diaginertia", "").split()[0])
@@ -177,7 +177,7 @@ def _motor(target: Target, axis: int, names: tuple[str, ...], parts: Parts) -> N
         joint.set("axis", "-1 0 0")
         body.append(element("site", name=f"{names[axis]}_drum", pos=(0.0, 0.0, 0.0)))
         parts.bodies.append(element("site", name=f"{names[axis]}_end", pos=(0.0, 0.0, 0.0)))
-    if isinstance(spring, TwoLever):
+    if isinstance(spring, TwoLeverSpring):
         body.set("pos", f"{spring.offset!r} {-spring.side * spring.distance!r} 0")
         body.append(element("site", name=f"{names[axis]}_lever", pos=(0.0, spring.side * spring.motor_lever, 0.0)))
         parts.in_link.append(element("site", name=f"{names[0]}_lever_{axis}", pos=(spring.link_lever, 0.0, 0.0)))
@@ -196,7 +196,7 @@ def _spring(target: Target, i: int, names: tuple[str, ...], parts: Parts) -> Non
         rest = tuple(-0.9999999999 if x == -1.0 else x for x in (low, high))  # -1 would mean: computed
         parts.tendons.append(element("fixed", *ends, name=f"{motor}_{name}", springlength=rest, **more))
 
-    if device.spring_laws[i].kind in PRESET_LAWS:
+    if device.springs[i].kind in PRESET_LAWS:
         parts.tendons.append(_levers(target, i, names))
     else:
         for k, term in enumerate(spring_terms(target, i), 1):
@@ -226,7 +226,7 @@ def _levers(target: Target, i: int, names: tuple[str, ...]) -> Element:
     spring, row = target.device.springs[i], target.row
     motor = names[1 + i]
     k = float(row[P.spring_scale + i]) * float(row[P.spring + i * N_COEFFICIENTS])
-    if isinstance(spring, Maccepa):
+    if isinstance(spring, MaccepaSpring):
         k /= spring.lever * spring.base
         path = [element("site", site=f"{motor}_lever"), element("site", site=f"{names[0]}_base")]
         rest = spring.free_length - spring.drum_radius * float(row[P.pretension_offset + i])
@@ -237,7 +237,7 @@ def _levers(target: Target, i: int, names: tuple[str, ...]) -> Element:
             ]
             rest += FAR * spring.drum_radius
         return element("spatial", *path, name=f"{motor}_spring", stiffness=k, springlength=rest)
-    assert isinstance(spring, TwoLever)
+    assert isinstance(spring, TwoLeverSpring)
     path = [element("site", site=f"{motor}_lever"), element("site", site=f"{names[0]}_lever_{1 + i}")]
     return element("spatial", *path, name=f"{motor}_spring", stiffness=k, springlength=spring.rest_length)
 
@@ -278,6 +278,6 @@ def _sensor(target: Target, axis: int, name: str) -> Element:
         more = {"delay": skew, "nsample": float(2 * round(skew / step(target)) + 3), "interp": "linear"}
     device = target.device
     spring = device.springs[min(axis, device.n_transmissions) - 1] if axis else None
-    if device.arrangement == "serial" and axis == 2 and isinstance(spring, Maccepa):
+    if device.arrangement == "serial" and axis == 2 and isinstance(spring, MaccepaSpring):
         return element("actuatorpos", name=f"{name}_position", actuator=f"{name}_drive", **more)
     return element("jointpos", name=f"{name}_position", joint=name, **more)

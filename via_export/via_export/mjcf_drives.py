@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import isfinite
 
-from via_core.device_parts import Maccepa
 from via_core.spring_equations import N_COEFFICIENTS, spring_torque
+from via_core.springs import MaccepaSpring
 from via_sim.joint.parameters import POSITION_DRIVE, P
 
 from via_export.mjcf_timing import lag_filter, late
@@ -20,7 +20,7 @@ STEEP = 20.0  # damping of a servo beyond its speed limit over that below it
 def servo_inertia(target: Target, axis: int) -> float:
     """[kg m^2] with which the torque of the springs turns a servo by less than 1/STIFF rad."""
     torque = 0.0
-    for i, spring in enumerate(target.device.spring_laws):
+    for i, spring in enumerate(target.device.springs):
         start = P.spring + i * N_COEFFICIENTS
         scale, c = float(target.row[P.spring_scale + i]), target.row[start : start + N_COEFFICIENTS].copy()
         torque += max(
@@ -85,7 +85,7 @@ def _servo(target: Target, axis: int, name: str) -> Element:
     w = w / (1.0 + 0.5 * w * float(target.row[P.lag]))
     inertia, gear = servo_inertia(target, axis), 1.0
     spring = device.springs[min(axis, device.n_transmissions) - 1]
-    if device.arrangement == "serial" and axis == 2 and isinstance(spring, Maccepa):
+    if device.arrangement == "serial" and axis == 2 and isinstance(spring, MaccepaSpring):
         gear = 1.0 / spring.drum_radius
     gain, damping = inertia * w * w / gear**2, 2.0 * inertia * w / gear**2
     speed, compensated = target.of_axis(P.saturation, axis), 0.0

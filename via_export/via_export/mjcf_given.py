@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
-from via_core.errors import ParameterError
+from via_core.errors import ParameterError, one_line
 
 from via_export.mjcf import Parts
 from via_export.xml import Element, child, text
@@ -36,7 +36,7 @@ def compiled(xml: str, folder: Path | None = None) -> Any:
             file.flush()
             return mujoco.MjModel.from_xml_path(file.name)
     except ValueError as error:
-        raise ParameterError(f"MuJoCo: {' '.join(str(error).split())}") from None
+        raise ParameterError(f"MuJoCo: {one_line(error)}") from None
 
 
 def loaded(text: str, folder: Path) -> list[str]:
@@ -55,7 +55,7 @@ def note_on_place(path: Path) -> list[str]:
     try:
         mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
-        return [f"{path} loads beside the given file, but not where it is: {' '.join(str(error).split())}"]
+        return [f"{path} loads beside the given file, but not where it is: {one_line(error)}"]
     return []
 
 
@@ -106,7 +106,7 @@ class GivenJoint:
             spec = _read(path)
             model = spec.compile()
         except ValueError as error:
-            raise ParameterError(f"MuJoCo: {' '.join(str(error).split())}") from None
+            raise ParameterError(f"MuJoCo: {one_line(error)}") from None
         number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
         if number < 0:
             names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, i) for i in range(model.njnt)]

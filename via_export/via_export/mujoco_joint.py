@@ -13,9 +13,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from via_core.device_parts import Maccepa
 from via_core.errors import ParameterError
 from via_core.signals import Array
+from via_core.springs import MaccepaSpring
 from via_sim.joint.layout import ARM, DAMPING, EXTERNAL, GOAL, M1, POWER, X
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
@@ -61,7 +61,7 @@ class MujocoJoint:
         self.sensors = model.sensor_adr[sensors]
         self.scale = np.ones(len(self.names))  # coordinate of an axis per angle
         spring = target.device.springs[0] if target.device.springs else None
-        if target.device.arrangement == "serial" and isinstance(spring, Maccepa):
+        if target.device.arrangement == "serial" and isinstance(spring, MaccepaSpring):
             self.scale[2] = spring.drum_radius
         self.offsets = self.scale * [target.of_axis(P.encoder_offset, axis) for axis in range(len(self.names))]
         self.positioned = target.row[P.link_drive] == POSITION_DRIVE

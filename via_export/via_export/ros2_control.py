@@ -6,7 +6,7 @@ hardware components, transmissions, joint limits; ros2_controllers: pid_controll
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 import yaml
@@ -36,21 +36,27 @@ def _interface(device: Device) -> str:
 
 
 def _joint(target: Target, axis: int) -> Element:
-    """State interfaces of an axis, and the command interface of its drive with its range."""
-    states = [element("state_interface", name=each) for each in ("position", "velocity", "effort")]
-    if axis not in target.drives:
-        return element("joint", *_damper(target, axis), *states, name=target.names[axis])
-    limit = target.limit(axis) * target.of_axis(P.torque_gain, axis)
-    command = element("command_interface", name=_interface(target.device))
-    if _interface(target.device) == "effort" and isfinite(limit):
-        command.extend([parameter("min", -limit), parameter("max", limit)])
-    return element("joint", command, *_damper(target, axis), *states, name=target.names[axis])
+    """An axis with the command interface of its drive, and on the link that of the damper."""
+    commands = []
+    if axis in target.drives:
+        interface = _interface(target.device)
+        limit = target.limit(axis) * target.of_axis(P.torque_gain, axis) if interface == "effort" else inf
+        commands.append(command(interface, -limit, limit))
+    if target.device.damper is not None and axis == LINK:
+        commands.append(command("damping", 0.0, 1.0))
+    return joint(target.names[axis], *commands)
 
 
-def _damper(target: Target, axis: int) -> list[Element]:
-    if target.device.damper is None or axis != LINK:
-        return []
-    return [element("command_interface", parameter("min", 0.0), parameter("max", 1.0), name="damping")]
+def joint(name: str, *commands: Element) -> Element:
+    """A joint with these command interfaces and all state interfaces."""
+    states = (element("state_interface", name=each) for each in ("position", "velocity", "effort"))
+    return element("joint", *commands, *states, name=name)
+
+
+def command(name: str, low: float, high: float) -> Element:
+    """A command interface with its range, unless that is infinite."""
+    ends = [parameter("min", low), parameter("max", high)] if isfinite(high) else []
+    return element("command_interface", *ends, name=name)
 
 
 def parameter(name: str, value: str | float) -> Element:

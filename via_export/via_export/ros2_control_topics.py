@@ -8,7 +8,6 @@ Source: README and source of ros-controls/topic_based_hardware_interfaces; compo
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import Any
 
 import yaml
@@ -17,13 +16,12 @@ from via_core.errors import ParameterError
 from via_sim.joint.parameters import LINK
 
 from via_export import urdf
-from via_export.ros2_control import parameter
+from via_export.ros2_control import command, joint, parameter
 from via_export.target import Target
-from via_export.xml import Element, document, element, leaf
+from via_export.xml import document, element, leaf
 
 PLUGIN = "joint_state_topic_hardware_interface/JointStateTopicSystem"
 UPDATE_RATE = 500  # [Hz]; a command acts for 20 ms
-STATES = ("position", "velocity", "effort")
 BROADCASTER, TORQUES = "joint_state_broadcaster", "motor_torques"  # names of the controllers
 
 
@@ -49,20 +47,11 @@ def robot(device: Device) -> str:
         "trigger_joint_command_threshold": -1.0,  # always: the default leaves out commands near the measured position
     }
     hardware = element("hardware", leaf("plugin", PLUGIN), *(parameter(*each) for each in parameters.items()))
-    joints = (_joint(target, axis) for axis in (*target.drives, LINK))
-    root.append(element("ros2_control", hardware, *joints, name=device.name, type="system"))
+    driven = [
+        joint(target.names[axis], command("effort", -target.limit(axis), target.limit(axis))) for axis in target.drives
+    ]
+    root.append(element("ros2_control", hardware, *driven, joint(target.names[LINK]), name=device.name, type="system"))
     return document(root, declaration=True)
-
-
-def _joint(target: Target, axis: int) -> Element:
-    made = element("joint", name=target.names[axis])
-    if axis in target.drives:
-        command, limit = element("command_interface", name="effort"), target.limit(axis)
-        if isfinite(limit):
-            command.extend([parameter("min", -limit), parameter("max", limit)])
-        made.append(command)
-    made.extend([element("state_interface", name=each) for each in STATES])
-    return made
 
 
 def controllers(device: Device) -> str:

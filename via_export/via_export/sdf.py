@@ -16,7 +16,7 @@ from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
 from via_export import notes, payloads
 from via_export.target import Target
-from via_export.xml import Element, child, document, element, leaf
+from via_export.xml import Element, child, document, element, joint_named, leaf
 
 VERSION = "1.9"  # the elements below are those of 1.11; older parsers refuse newer versions
 MIDDLE = 0.5  # of the stop: deflection at which the stiffness of a nonlinear spring is taken
@@ -142,7 +142,7 @@ def stiffness_of(target: Target, i: int) -> float:
 
     The stiffness of a spring between two levers changes its sign with the deflection.
     """
-    spring = target.device.spring_laws[i]
+    spring = target.device.springs[i]
     deflection = 0.0 if spring.kind == TWO_LEVER else MIDDLE * spring.max_deflection
     return float(target.row[P.spring_scale + i]) * float(spring.stiffness(deflection))
 
@@ -188,12 +188,7 @@ def into(source: Element, target: Target, name: str) -> list[str]:
 
     Raises ValueError if there is no such joint.
     """
-    found = next(
-        (each for each in source.iter("joint") if each.get("name") == name and each.find("axis") is not None), None
-    )
-    if found is None:
-        names = ", ".join(str(each.get("name")) for each in source.iter("joint") if each.find("axis") is not None)
-        raise ValueError(f"no joint '{name}' with an axis; there are: {names or 'none'}")
+    found = joint_named(source, name, "axis")
     axis, slides = child(found, "axis"), found.get("type") == "prismatic"
     flexible = target.device.n_transmissions > 0
     spring = None if flexible else _spring_to_base(target)

@@ -19,8 +19,21 @@ TITLES = {
     "ros2_control": "ros2_control",
 }  # fmt: skip
 NO_PHYSICS = "- holds no physics; belongs into the simulator's model"
-NO_FEEDFORWARD = "- kd acts on the speed of the joint alone; add share times kd times the goal's speed at run time"
-NO_INTEGRAL = "- the drive has no integral; a custom actuator class can add it"
+_NO_FEEDFORWARD = "- kd acts on the speed of the joint alone; add share times kd times the goal's speed at run time"
+_NO_INTEGRAL = "- the drive has no integral; a custom actuator class can add it"
+_NO_GAINS = "- gains belong to the controller"
+# Texts of `row` for what a position drive can have by its device file or by an effect.
+FEEDFORWARD = {
+    "mjcf": _NO_FEEDFORWARD, "bam": _NO_FEEDFORWARD, "urdf": _NO_GAINS,
+    "sdf": "~ JointPositionController d_gain | acts on the derivative of the error, which is a share of 1",
+    "isaaclab": "~ velocity targets | set them to the speed of the goal times the share at run time",
+    "ros2_control": "~ velocity references | set them to the speed of the goal times the share at run time",
+}  # fmt: skip
+INTEGRAL = {
+    "mjcf": "= gainprm, dynprm of an actuator of gaintype pid", "sdf": "= JointPositionController i_gain, i_max, i_min",
+    "ros2_control": "= pid_controller gain i, i_clamp_max, i_clamp_min",
+    "isaaclab": _NO_INTEGRAL, "bam": _NO_INTEGRAL, "urdf": _NO_GAINS,
+}  # fmt: skip
 Kind = Literal["slot", "substitute", "none"]
 Applies = Callable[[Target, Effect | None], bool]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from math import prod
 
-from via_core.device_parts import Linear
+from via_core.springs import LinearSpring
 from via_sim.effects import Effect
 
-from via_export.slots import NO_FEEDFORWARD, NO_INTEGRAL, by_levers, position_drive, row, servo
+from via_export.slots import FEEDFORWARD, INTEGRAL, by_levers, position_drive, row, servo
 from via_export.target import Target
 
 CONSTANT = "stiffness does not change with the deflection or the preset"
@@ -19,7 +19,7 @@ def _plain_springs(target: Target, _effect: Effect | None) -> bool:
 
 
 def _linear(target: Target, _effect: Effect | None) -> bool:
-    return _plain_springs(target, None) and all(isinstance(spring, Linear) for spring in target.device.springs)
+    return _plain_springs(target, None) and all(isinstance(spring, LinearSpring) for spring in target.device.springs)
 
 
 def _torque_motors(target: Target, _effect: Effect | None) -> bool:
@@ -141,17 +141,10 @@ DEVICE_ROWS = (
         ros2_control="= pid_controller gains p, d",
     ),
     row(
-        "servo: feedforward", "position drive", _follows_speed,
-        mjcf=NO_FEEDFORWARD, bam=NO_FEEDFORWARD, urdf="- gains belong to the controller",
-        sdf="~ JointPositionController d_gain | acts on the derivative of the error, which is a share of 1",
-        isaaclab="~ velocity targets | set them to the speed of the goal times the share at run time",
-        ros2_control="~ velocity references | set them to the speed of the goal times the share at run time",
+        "servo: feedforward", "position drive", _follows_speed, **FEEDFORWARD,
     ),
     row(
-        "servo: ki", "position drive", _integrates,
-        mjcf="= gainprm, dynprm of an actuator of gaintype pid", sdf="= JointPositionController i_gain, i_max, i_min",
-        ros2_control="= pid_controller gain i, i_clamp_max, i_clamp_min",
-        isaaclab=NO_INTEGRAL, bam=NO_INTEGRAL, urdf="- gains belong to the controller",
+        "servo: ki", "position drive", _integrates, **INTEGRAL,
     ),
     row(
         "servo: torque_limit", "limited: proportional", lambda t, _e: _position_limited(t, "proportional"),

@@ -7,7 +7,7 @@ from math import isfinite
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P
 
-from via_export.slots import NO_FEEDFORWARD, NO_INTEGRAL, by_levers, position_drive, row, servo
+from via_export.slots import FEEDFORWARD, INTEGRAL, by_levers, position_drive, row, servo
 from via_export.target import Target
 
 READING = "- apply it where you read the encoder"
@@ -220,17 +220,10 @@ EFFECT_ROWS = (
         ros2_control="= pid_controller gain p",
     ),
     row(
-        "velocity_feedforward",
-        mjcf=NO_FEEDFORWARD, bam=NO_FEEDFORWARD, urdf="- gains belong to the controller",
-        sdf="~ JointPositionController d_gain | acts on the derivative of the error, which is a share of 1",
-        isaaclab="~ velocity targets | set them to the speed of the goal times the share at run time",
-        ros2_control="~ velocity references | set them to the speed of the goal times the share at run time",
+        "velocity_feedforward", "", None, **FEEDFORWARD,
     ),
     row(
-        "integral_action",
-        mjcf="= gainprm, dynprm of an actuator of gaintype pid", sdf="= JointPositionController i_gain, i_max, i_min",
-        ros2_control="= pid_controller gain i, i_clamp_max, i_clamp_min",
-        isaaclab=NO_INTEGRAL, bam=NO_INTEGRAL, urdf="- gains belong to the controller",
+        "integral_action", "", None, **INTEGRAL,
     ),
     row(
         "position_deadband",

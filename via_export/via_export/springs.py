@@ -47,7 +47,7 @@ class SpringTerm:
 
 def preload(target: Target, i: int) -> float:
     """[N m] torque of transmission i at deflection 0, scale included."""
-    spring = target.device.spring_laws[i]
+    spring = target.device.springs[i]
     return float(target.row[P.spring_scale + i]) * float(spring.torque(0.0)) if spring.kind not in PRESET_LAWS else 0.0
 
 
@@ -57,7 +57,7 @@ def spring_terms(target: Target, i: int) -> tuple[SpringTerm, ...]:
     kind = int(row[P.spring_kind + i])
     coefficients = row[P.spring + i * N_COEFFICIENTS : P.spring + (i + 1) * N_COEFFICIENTS].copy()
     scale, hardening = float(row[P.spring_scale + i]), float(row[P.spring_hardening + i])
-    stop = target.device.spring_laws[i].max_deflection
+    stop = target.device.springs[i].max_deflection
 
     def torque(phi: Array) -> Array:
         plain = np.array([spring_torque(kind, coefficients, float(x), 0.0) for x in phi])

@@ -153,7 +153,7 @@ class Target:
     @property
     def depends_on_preset(self) -> bool:
         """Whether the spring depends on a motor angle besides its deflection."""
-        return any(spring.kind in (MACCEPA, TWO_LEVER) for spring in self.device.spring_laws)
+        return any(spring.kind in (MACCEPA, TWO_LEVER) for spring in self.device.springs)
 
     @property
     def substeps(self) -> int:

@@ -17,7 +17,7 @@ from via_sim.joint.parameters import LINK, P
 
 from via_export import notes, payloads
 from via_export.target import Target
-from via_export.xml import Element, child, document, element, text
+from via_export.xml import Element, child, document, element, joint_named, text
 
 UNLIMITED = 1e9  # effort [N m] or velocity [rad/s] where none is known: URDF has no infinity
 WIDE = 1e3  # [rad] position limit on the side without a wall
@@ -83,12 +83,7 @@ def into(source: Element, target: Target, name: str, path: Path) -> list[str]:
 
     Raises ValueError if there is no such joint.
     """
-    found = next(
-        (each for each in source.iter("joint") if each.get("name") == name and each.find("child") is not None), None
-    )
-    if found is None:
-        names = ", ".join(str(each.get("name")) for each in source.iter("joint") if each.find("child") is not None)
-        raise ValueError(f"no joint '{name}'; there are: {names or 'none'}")
+    found = joint_named(source, name, "child")
     offset = target.of_axis(P.encoder_offset, LINK)
     dynamics, limit = friction_and_limits(target)
     changed = _edit(found, dynamics, dynamics.attrib)

@@ -51,6 +51,14 @@ def child(parent: Element, tag: str) -> Element:
     return found
 
 
+def joint_named(root: Element, name: str, part: str) -> Element:
+    """The joint of this name that has a child `part`. Raises ValueError with the names of all such joints."""
+    found = {str(each.get("name")): each for each in root.iter("joint") if each.find(part) is not None}
+    if name not in found:
+        raise ValueError(f"no joint '{name}'; there are: {', '.join(found) or 'none'}")
+    return found[name]
+
+
 def document(root: Element, comment: str = "", declaration: bool = False) -> str:
     """Indented XML; `comment` follows the root's start."""
     ElementTree.indent(root)

@@ -156,7 +156,7 @@ def antagonistic_log(effects: Sequence[Effect] = (), duration: float = 6.0, seed
     time = np.arange(round(duration * rate)) / rate
     fade = np.clip(time, 0.0, 1.0)
     equilibrium = fade**2 * sum(a * np.sin(w * time) for a, w in ((0.3, 1.1), (0.2, 4.3), (0.05, 17.0)))
-    preset = 0.15 * fade * device.spring_laws[0].max_deflection * (2.0 + np.sin(0.9 * time))
+    preset = 0.15 * fade * device.springs[0].max_deflection * (2.0 + np.sin(0.9 * time))
     torque = following(plant, device.motor_angles(equilibrium, preset), equilibrium, np.zeros(6), rate)
     commands = Signals(time, {"motor": torque}, {"motor": "N m"}, frozenset({"motor"}))
     measured = simulate(

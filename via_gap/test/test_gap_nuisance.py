@@ -70,7 +70,7 @@ def test_a_spring_may_stiffen_otherwise_than_filed_within_the_tolerance_of_its_t
     device = flexible() if name == "flexible" else load_device(name)
     each = nuisances(JointPlant.from_device(device))
     offsets = np.array([float(n.name == "spring 1 shape") for n in each])
-    filed, other = device.spring_laws[0], repaired_device(device, each, offsets).spring_laws[0]
+    filed, other = device.springs[0], repaired_device(device, each, offsets).springs[0]
     stop, tolerance = device.springs[0].max_deflection, device.tolerances.spring
     moved = np.array([other.torque(at * stop) / filed.torque(at * stop) - 1.0 for at in (0.1, 0.5, 1.0)])
     assert np.all(np.diff(moved) > 0.0) and 0.5 * tolerance < moved[-1] < 1.1 * tolerance

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from via_core.bags.writer import OfferedQos
-from via_core.errors import ViaError
-from via_core.text_files import read_yaml
 
 # The other policies are rclpy's defaults: keep last, reliable, volatile.
 CONTROL = QoSProfile(depth=10)  # commands and responses: a reader may be ten messages behind without loss
@@ -53,14 +49,9 @@ def from_bag(text: str) -> QoSProfile:
     The depth is at least that of SAMPLES, since a player can be faster than the robot, and at most MAX_DEPTH, since
     some recorders write "unlimited" as the largest integer.
     """
-    try:
-        entries: Any = read_yaml(text, "offered_qos_profiles") or []
-    except ViaError:
-        entries = []
-    first = entries[0] if isinstance(entries, list) and entries and isinstance(entries[0], dict) else {}
-    depth = first.get("depth")
+    first = OfferedQos.from_rosbag2(text)[0]
     return QoSProfile(
-        depth=min(max(depth if isinstance(depth, int) else 0, SAMPLES.depth), MAX_DEPTH),
-        reliability=_RELIABILITY.get(str(first.get("reliability")), SAMPLES.reliability),
-        durability=_DURABILITY.get(str(first.get("durability")), SAMPLES.durability),
+        depth=min(max(first.depth, SAMPLES.depth), MAX_DEPTH),
+        reliability=_RELIABILITY.get(first.reliability, SAMPLES.reliability),
+        durability=_DURABILITY.get(first.durability, SAMPLES.durability),
     )

@@ -241,7 +241,7 @@ def test_substeps_increase_with_stiffness_up_to_a_limit():
 @pytest.mark.parametrize("name", ["qbmove_b", "dlr_bavs", "vsa2", "cubic_demo"])
 def test_spring_laws_continue_along_their_tangent_beyond_the_stop(name):
     joint = load_device(name)
-    plant, spring = JointPlant.from_device(joint), joint.spring_laws[0]
+    plant, spring = JointPlant.from_device(joint), joint.springs[0]
     row = plant.at_rate(RATE)
     for side in (-1.0, 1.0):
         stop, beyond = side * spring.max_deflection, side * 0.5

@@ -148,16 +148,16 @@ def _row_of(device: Device) -> Array:
         row[P.feedforward] = device.servo.feedforward
     row[P.serial] = float(device.arrangement == "serial")
     row[P.transmissions] = device.n_transmissions
-    for i, spring_law in enumerate(device.spring_laws):
+    for i, spring_law in enumerate(device.springs):
         start = P.spring + i * N_COEFFICIENTS
         row[P.spring_kind + i] = spring_law.kind
         row[start : start + N_COEFFICIENTS] = spring_law.coefficients()
         if spring_law.kind not in (MACCEPA, TWO_LEVER):  # these are periodic; others overflow or end beyond their stop
             row[P.stop + i] = spring_law.max_deflection
-    if device.damper is not None and device.damper_map is not None:
+    if device.damper is not None:
         row[P.damper_site] = AT_LINK if device.damper.site == "link" else AT_TRANSMISSION
-        row[P.damper_kind] = device.damper_map.kind
-        row[P.damper : P.damper + 3] = device.damper_map.coefficients()
+        row[P.damper_kind] = device.damper.kind
+        row[P.damper : P.damper + 3] = device.damper.coefficients()
     return row
 
 
@@ -214,7 +214,7 @@ def _load_excess(row: Array, axis: int) -> float:
 def _stiffest(row: Array, device: Device) -> Array:
     """Largest stiffness (3,) [N m/rad] on each axis."""
     stiffness = np.zeros(3)
-    for i, spring_law in enumerate(device.spring_laws):
+    for i, spring_law in enumerate(device.springs):
         harder = 1.0 + 3.0 * max(row[P.spring_hardening + i], 0.0) * spring_law.max_deflection**2
         sigma = row[P.spring_scale + i] * harder * _steepest(spring_law)
         sigma *= _gear_ratio(row, 1 + i) ** 2

@@ -38,7 +38,7 @@ def test_a_drift_by_the_tick_is_the_drift_of_the_simulator():
 
 def test_the_truth_has_the_factor_of_the_schedule():
     joint = experiment.recording(JOINT, SINES[-1], 1.2)
-    spring, measured = JOINT.spring_laws[0], joint.measured(3)
+    spring, measured = JOINT.springs[0], joint.measured(3)
     phi = measured["q"][:, None] - measured["theta"]
     nominal = np.sum(spring.stiffness(phi), axis=1)
     np.testing.assert_allclose(joint.truth / joint.unchanged, SINES[-1].factor(joint.time), rtol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import beta
 from via_core.errors import ParameterError
-from via_core.springs import SinhSpring, cubic_spring
+from via_core.springs import CubicSpring, SinhSpring
 from via_core.weak_form import modulating
 from via_validation.tables import modulating_errors as errors
 
@@ -76,7 +76,7 @@ def test_samples_k_minus_m_turn_the_sign_of_what_truncation_does():
 
 def test_the_bound_is_reached_by_a_step_and_the_printed_one_broken_by_slow_motion():
     """(33) prints T 5/8 sup |sigma - sigma_N|: another unit. phi jumps from -1 to 1 in the middle of 100 s."""
-    spring, span, intervals = cubic_spring(1.0, 2.0), 100.0, 1000
+    spring, span, intervals = CubicSpring(2.0, 1.0), 100.0, 1000
     phi = np.where(np.arange(intervals + 1) < intervals // 2, -1.0, 1.0)
     rho = errors.remainder(spring, [0.0], phi)  # N = 0: all of phi^3
     found = np.abs(errors.truncation_errors(rho, intervals, span)).max()

@@ -61,7 +61,7 @@ def test_rows_that_cannot_be_reproduced_have_a_remark(found):
 def test_the_motion_obeys_the_motor_equation():
     """Integrated by the trapezoid: momentum, damping, spring and the torque as reported."""
     run = motion("v1", FAST)
-    curve = load_device("vsa2").spring_laws[0]
+    curve = load_device("vsa2").springs[0]
     spring = curve.torque(run.q[:, None] - run.theta) * np.stack(
         [1.0 + 1e-3 * run.time, np.ones(len(run.time))], axis=1
     )
@@ -77,7 +77,7 @@ def test_a_hold_is_a_hold_and_noise_is_quantised():
     run = held("v3")
     still = run.time > 11.0
     assert np.ptp(run.theta[still, 0]) < 1e-5 and run.time[-1] == pytest.approx(15.0)
-    curve = load_device("vsa2_v3").spring_laws[0]
+    curve = load_device("vsa2_v3").springs[0]
     assert run.tau[-1, 0] == pytest.approx(-curve.torque(run.q[-1] - run.theta[-1, 0]), rel=1e-4)
     noisy, clean = motion("v2").noisy(3), motion("v2").rows()
     error = noisy - clean

@@ -38,8 +38,7 @@ def import_folder(
     with working(f"importing {folder}"):
         imported = import_recordings(folder, mapping, out)
     if imported.refused:
-        listing = table("Refused", "recording", "reason")
-        listing.columns[1].justify = "left"
+        listing = table("Refused", "recording", "reason", texts=("reason",))
         for file in imported.refused:
             listing.add_row(file.source, "; ".join(file.reasons))
         answers.print(listing)
@@ -65,9 +64,8 @@ def info(bag: BagPath) -> None:
     found = info_of(bag)
     listing = table(
         f"{found.path}: {found.messages} messages, {found.duration:.3f} s, {found.size / 1e6:.2f} MB",
-        "topic", "type", "messages", "rate [Hz]",
+        "topic", "type", "messages", "rate [Hz]", texts=("type",),
     )  # fmt: skip
-    listing.columns[1].justify = "left"
     for topic in found.topics:
         listing.add_row(
             topic.name, topic.type_name, str(topic.messages), f"{topic.rate:.1f}" if isfinite(topic.rate) else "-"

@@ -8,23 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 from via_core.devices import load_device
-from via_core.errors import SignalError, ViaError
+from via_core.errors import SignalError
 from via_core.recordings.entries import Constants
-from via_core.recordings.guess import ColumnGuess, TimeGuess, guess_columns, guess_time
+from via_core.recordings.guess import ColumnGuess, guess_columns, guess_time
 from via_core.recordings.mapping_text import mapping_text
-from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
-from via_core.text_files import write_text
+from via_core.recordings.tables import is_bag, numbers, read_tables
 
 from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.options import CountsPerTurn, TorqueConstant
+from via_bringup.cli.outputs import check_new, save
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-CountsPerTurn = Annotated[float | None, typer.Option(min=1.0, help="Counts of one turn, for positions in counts.")]
-TorqueConstant = Annotated[
-    float | None,
-    typer.Option(help="Torque per current at the joint \\[N m/A]: constant of the motor times gear ratio."),
-]
 
 
 def map_file(
@@ -55,20 +50,11 @@ def map_file(
         shown = f"{name or file.name}: {len(frame)} rows"
         if time is not None:
             shown += f", {time.rate:.4g} Hz; time is '{time.column}' in {time.unit} ({time.reason})"
-        listing = table(shown, "column", "quantity", "joint", "unit", "lowest", "highest", "because")
-        for column in listing.columns[1:4]:
-            column.justify = "left"
-        listing.columns[-1].justify = "left"
-        for guess in guesses:
-            if guess.table == name:
-                listing.add_row(
-                    guess.column,
-                    guess.quantity or "-",
-                    guess.joint,
-                    guess.unit,
-                    *_range(frame, guess.column),
-                    guess.reason,
-                )
+        columns = ("column", "quantity", "joint", "unit", "lowest", "highest", "because")
+        listing = table(shown, *columns, texts=("quantity", "joint", "unit", "because"))
+        for each in (guess for guess in guesses if guess.table == name):
+            ends = _range(frame, each.column)
+            listing.add_row(each.column, each.quantity or "-", each.joint, each.unit, *ends, each.reason)
         answers.print(listing)
     seen = list(dict.fromkeys(guess.joint for guess in guesses if guess.quantity == "position"))
     if bag and "/joint_states" not in tables:
@@ -80,18 +66,14 @@ def map_file(
         for name in seen[:3]:
             answers.print(f"  wire: {{link: {name}, motors: [{name}]}}")
     elif out is not None:
-        _write(
-            file,
-            out,
-            mapping_text(
-                file,
-                _time(tables, guesses, file),
-                _main(guesses),
-                Constants(counts_per_turn, torque_constant),
-                device,
-                joint,
-            ),
-        )
+        main = _main(guesses)
+        time = guess_time(tables[main[0].table]) if main else None
+        if time is None:
+            raise SignalError(f"{file}: no column increases like a time; add one")
+        check_new(out)
+        save(out, mapping_text(file, time, main, Constants(counts_per_turn, torque_constant), device, joint))
+        errors.print("check units and signs in it")
+        answers.print(f"next: via bag import {file.parent} --mapping {out} --out BAGS", soft_wrap=True)
     else:
         answers.print("add --out MAPPING.yaml to write the mapping for `via bag import`")
     chosen = f" --joint {joint or seen[0]}" if joint or (seen and seen[0]) else ""
@@ -102,23 +84,6 @@ def _main(guesses: list[ColumnGuess]) -> list[ColumnGuess]:
     """The guesses of the table with the first position."""
     first = next((guess.table for guess in guesses if guess.quantity == "position"), "")
     return [guess for guess in guesses if guess.table == first]
-
-
-def _time(tables: Tables, guesses: list[ColumnGuess], file: Path) -> TimeGuess:
-    main = _main(guesses)
-    time = guess_time(tables[main[0].table]) if main else None
-    if time is None:
-        raise SignalError(f"{file}: no column increases like a time; add one")
-    return time
-
-
-def _write(file: Path, out: Path, text: str) -> None:
-    if out.exists():
-        raise ViaError(f"{out} exists already; remove it, or choose another file with --out")
-    write_text(out, text)
-    answers.print(f"wrote {out}")
-    errors.print("check units and signs in it")
-    answers.print(f"next: via bag import {file.parent} --mapping {out} --out BAGS", soft_wrap=True)
 
 
 def _range(frame: DataFrame, column: str) -> tuple[str, str]:

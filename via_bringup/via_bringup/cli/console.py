@@ -7,7 +7,7 @@ printed as their pictures: names in files of others may contain them.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from math import isnan
 from typing import Any
@@ -48,11 +48,16 @@ answers = HarmlessConsole(
 errors = HarmlessConsole(stderr=True, markup=False, emoji=False, highlight=False)
 
 
-def table(title: str, *columns: str) -> Table:
-    """An empty table. The first column holds names: left-aligned and never truncated. The others are right-aligned."""
+def table(title: str, *columns: str, names: int = 1, texts: Collection[str] = ()) -> Table:
+    """An empty table whose columns are right-aligned, except for names and texts.
+
+    names  so many first columns hold names: left-aligned and never truncated
+    texts  columns that hold texts: left-aligned and folded
+    """
     made = HarmlessTable(title=shown(title), title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
     for number, column in enumerate(columns):
-        made.add_column(column, justify="left" if number == 0 else "right", no_wrap=number == 0, overflow="fold")
+        left = number < names or column in texts
+        made.add_column(column, justify="left" if left else "right", no_wrap=number < names, overflow="fold")
     return made
 
 

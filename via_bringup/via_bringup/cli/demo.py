@@ -60,10 +60,8 @@ def demo(
 
     robot, live = summary.robot, summary.live
     if robot.refused:
-        refused = table(
-            f"Refused recordings: {len(robot.refused)} of {len(robot.refused) + robot.accepted}", "recording", "reason"
-        )
-        refused.columns[1].justify = "left"
+        title = f"Refused recordings: {len(robot.refused)} of {len(robot.refused) + robot.accepted}"
+        refused = table(title, "recording", "reason", texts=("reason",))
         for file in robot.refused:
             refused.add_row(file.file, "; ".join(file.reasons))
         answers.print(refused)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from math import tau
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,8 +17,9 @@ from via_core.robots.description import GUESS, RATE, Description, Number, device
 from via_core.text_files import write_text
 from via_gap.run.describe import describe
 
-from via_bringup.cli.bag_map import CountsPerTurn, TorqueConstant
 from via_bringup.cli.console import answers, errors
+from via_bringup.cli.options import CountsPerTurn, TorqueConstant
+from via_bringup.cli.outputs import check_new
 
 
 def new(
@@ -55,8 +57,7 @@ def new(
             Constants(counts_per_turn, torque_constant, log_joint),
         )
     target = out or Path(f"{described.name}.yaml")
-    if target.exists():
-        raise ViaError(f"{target} exists already; remove it, or choose another file with --out")
+    check_new(target)
     parse_device(described.text(), str(target))
     write_text(target, described.text())
     for remark in described.remarks:
@@ -100,41 +101,29 @@ def _ask(described: Description) -> None:
     described.name = device_name(described.joint)
     described.sources.append("answers to questions")
     numbers = described.numbers
-    mass, length = (
-        _amount("Mass that the joint moves", "kg", "1 kg"),
-        _amount("Distance of its centre from the axis", "m", "0.2 m"),
-    )
+
+    def state(name: str, question: str, unit: str, default: str, tolerance: float | None = None) -> None:
+        numbers[name] = Number(_amount(question, unit, default), "stated", "by you", tolerance)
+
+    mass = _amount("Mass that the joint moves", "kg", "1 kg")
+    length = _amount("Distance of its centre from the axis", "m", "0.2 m")
     rotor = _amount("Inertia of the rotor at the joint (motor times gear squared; 0 if unknown)", "kg m^2", "0")
-    numbers["inertia"] = Number(
-        mass * length**2 + rotor, "stated", f"{mass:g} kg at {length:g} m, rotor {rotor:g}", 0.3
-    )
+    inertia, about = mass * length**2 + rotor, f"{mass:g} kg at {length:g} m, rotor {rotor:g}"
+    numbers["inertia"] = Number(inertia, "stated", about, 0.3)
     vertical = typer.confirm("Does it move in a vertical plane, angle 0 hanging down?", default=True)
-    numbers["gravity_torque"] = Number(
-        mass * length * 9.80665 if vertical else 0.0, "stated", "mass times distance times 9.80665", 0.1
-    )
-    numbers["viscous_friction"] = Number(
-        _amount("Viscous friction (0 if unknown)", "N m s/rad", "0"), "stated", "by you", 0.3
-    )
-    numbers["coulomb_friction"] = Number(_amount("Dry friction (0 if unknown)", "N m", "0"), "stated", "by you", 0.3)
+    weight = mass * length * 9.80665 if vertical else 0.0
+    numbers["gravity_torque"] = Number(weight, "stated", "mass times distance times 9.80665", 0.1)
+    state("viscous_friction", "Viscous friction (0 if unknown)", "N m s/rad", "0", 0.3)
+    state("coulomb_friction", "Dry friction (0 if unknown)", "N m", "0", 0.3)
     if typer.confirm("Do logs have goals of a position drive instead of torques?", default=False):
         described.drive = "position"
         guess_gains(described)
-        numbers["kp"] = Number(
-            _amount("Proportional gain at the joint", "N m/rad", f"{numbers['kp'].value:.3g}"),
-            "stated",
-            "by you",
-            GUESS,
-        )
-        numbers["kd"] = Number(
-            _amount("Derivative gain at the joint", "N m s/rad", f"{numbers['kd'].value:.3g}"),
-            "stated",
-            "by you",
-            GUESS,
-        )
-    numbers["rate"] = Number(_amount("Samples per second", "1/s", f"{RATE:g}"), "stated", "by you")
+        state("kp", "Proportional gain at the joint", "N m/rad", f"{numbers['kp'].value:.3g}", GUESS)
+        state("kd", "Derivative gain at the joint", "N m s/rad", f"{numbers['kd'].value:.3g}", GUESS)
+    state("rate", "Samples per second", "1/s", f"{RATE:g}")
     counts = _amount("Counts of the encoder per turn of the joint (0 if unknown)", "", "0")
     if counts > 0.0:
-        numbers["link_quantum"] = Number(6.283185307179586 / counts, "stated", f"{counts:g} counts per turn")
+        numbers["link_quantum"] = Number(tau / counts, "stated", f"{counts:g} counts per turn")
 
 
 def _amount(question: str, unit: str, default: str) -> float:

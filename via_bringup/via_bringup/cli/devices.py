@@ -19,9 +19,8 @@ def devices(
     if device:
         _describe(load_device(device))
         return
-    listing = table("Devices", "name", "arrangement", "drive", "estimator", "confidence")
-    for column in listing.columns[1:]:
-        column.justify = "left"
+    texts = ("arrangement", "drive", "estimator", "confidence")
+    listing = table("Devices", "name", *texts, texts=texts)
     for name in device_names():
         each = load_device(name)
         listing.add_row(name, each.arrangement, each.drive, _estimator(each), each.confidence)

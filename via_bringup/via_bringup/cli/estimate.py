@@ -56,16 +56,17 @@ def estimate(
     lacking = [f"{pair.device.name}: {what}" for pair, each in results for what in _missing(each, _inputs(pair))]
     for complaint in dict.fromkeys([*source.remarks, *lacking]):
         errors.print(f"note: {complaint}")
-    shown = table(log.name, "device", "method", "estimate", "value", "sd", "unit", "last trusted at [s]")
+    shown = table(log.name, "device", "method", "estimate", "value", "sd", "unit", "last trusted at [s]", names=3)
     for pair, (_, estimates) in results:
         _add_last(shown, pair, estimates)
-    answers.print(_texts_left(shown, 3))
-    by_status = table("samples by status", "device", "method", "samples", *(status.name for status in Status))
+    answers.print(shown)
+    statuses = (status.name for status in Status)
+    by_status = table("samples by status", "device", "method", "samples", *statuses, names=2)
     for pair, (_, estimates) in results:
         shares = [float(np.mean(estimates.status == status)) if len(estimates) else 0.0 for status in Status]
         percentages = (f"{100.0 * share:.1f} %" for share in shares)
         by_status.add_row(pair.device.name, pair.method, str(len(estimates)), *percentages)
-    answers.print(_texts_left(by_status, 2))
+    answers.print(by_status)
     if out is not None:
         for pair, each in results:
             path = out if len(results) == 1 else out.with_stem(f"{out.stem}_{pair.device.name}_{pair.method}")
@@ -107,20 +108,13 @@ class _Source:
 
     def _samples(self, pair: Pair) -> SampleRows:
         device, inputs, bag = pair.device, _inputs(pair), is_bag(self.path)
-        if bag and not any(entry.topic for entry in device.wire.columns.values()):
+        if bag and not device.wire.topics_of_columns:
             return sample_rows(self.bag, device, inputs, self.joint_topic)
         return table_rows(joint_of(self.tables, device, str(self.path), bag), inputs)
 
 
 def _inputs(pair: Pair) -> tuple[str, ...]:
     return estimator_for(*pair).inputs
-
-
-def _texts_left(shown: Table, count: int) -> Table:
-    """The table with its first `count` columns left-aligned and never truncated: they hold names."""
-    for column in shown.columns[:count]:
-        column.justify, column.no_wrap = "left", True
-    return shown
 
 
 def _add_last(shown: Table, pair: Pair, estimates: Estimates) -> None:

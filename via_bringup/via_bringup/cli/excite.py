@@ -11,19 +11,19 @@ import typer
 from via_core.command_files import columns_of, write_table
 from via_core.devices import load_device
 from via_core.errors import ParameterError
-from via_core.text_files import write_text
 from via_gap.design.excite import Effort, Goal
 from via_gap.design.excite_design import Designed, Settings, design
 from via_gap.design.observed import torque_noise_of
 
 from via_bringup.cli.console import answers, table, working
-from via_bringup.cli.outputs import check_files
+from via_bringup.cli.options import DeviceName, JsonFile
+from via_bringup.cli.outputs import check_files, finite, save
 
 COVERAGE = 0.7  # of 95 % intervals, below which they are wrong
 
 
 def excite(
-    device: Annotated[str, typer.Argument(help="Device name (see `via devices`) or path to its YAML.")],
+    device: DeviceName,
     stiffness_sd: Annotated[
         str, typer.Option(help="Wanted relative standard deviation of the stiffness: 2% or 0.02; 'any': not wanted.")
     ] = "2%",
@@ -42,7 +42,7 @@ def excite(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 1,
     seeds: Annotated[int, typer.Option(min=2, max=1000, help="Number of simulated runs that verify it.")] = 8,
     out: Annotated[Path | None, typer.Option(help="File of commands (.csv); default: excite_<device>.csv.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the results to this JSON file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Design the shortest motion that reaches a standard deviation of stiffness or damping within the limits.
 
@@ -66,9 +66,7 @@ def excite(
     commands = found.commanded.commands
     write_table(path, commands.time, columns_of(commands) | references)
     answers.print(f"wrote {path}")
-    if json_file is not None:
-        write_text(json_file, json.dumps(_document(found, noise), indent=1))
-        answers.print(f"wrote {json_file}")
+    save(json_file, json.dumps(finite(_document(found, noise)), indent=1))
 
 
 def _share(text: str, option: str) -> float | None:
@@ -143,19 +141,13 @@ def _seconds(time: float, within: float) -> str:
 
 
 def _document(found: Designed, torque_noise: float) -> dict[str, Any]:
-    """The results as plain data; null for what is not finite."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {name: plain(each) for name, each in value.items()}
-        return None if isinstance(value, float) and not isfinite(value) else value
-
-    compared = None if found.comparison is None else plain(vars(found.comparison))
+    """The results as plain data."""
     return {
         "device": found.problem.device.name, "duration": found.duration, "reached": found.reached,
         "wanted": vars(found.problem.goal), "torque_noise": torque_noise, "binding": list(found.binding),
         "predicted": {
-            "stiffness_sd": plain(found.candidate.stiffness_sd), "damping_sd": plain(found.candidate.damping_sd),
+            "stiffness_sd": found.candidate.stiffness_sd, "damping_sd": found.candidate.damping_sd,
         },
-        "verification": plain(vars(found.verification)), "comparison": compared,
+        "verification": vars(found.verification),
+        "comparison": None if found.comparison is None else vars(found.comparison),
     }  # fmt: skip

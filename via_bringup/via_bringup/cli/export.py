@@ -8,19 +8,19 @@ from typing import Annotated
 import typer
 from via_core.devices import Device, load_device
 from via_core.errors import ViaError
-from via_core.text_files import read_text, write_text
 from via_export import FORMATS, Check, Export, add_arm_cause
 from via_export import check as checked
 from via_export import export as exported
 from via_export.mjcf_given import note_on_place
 from via_gap.logs.log import read_logs
-from via_gap.report.report import GapReport, HeldOutInterval, read_report
+from via_gap.report.report import GapReport, HeldOutInterval
 from via_gap.run.arm_cause import is_cause, read_cause
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, table
-from via_bringup.cli.own_effects import OwnEffects
+from via_bringup.cli.options import OwnEffects, saved_report
+from via_bringup.cli.outputs import save_or_print
 
 
 def export(
@@ -78,33 +78,21 @@ def _add_cause(source: Path, to: str, into: Path | None, out: Path | None, check
     if check:
         raise ViaError("--check compares a joint: use it with a report of a joint, report_JOINT.json")
     text = add_arm_cause(read_cause(source), to, into, f"With {source.name}; written by via export.")
-    if out is None:
-        answers.print(text, soft_wrap=True, end="")
-        return
-    write_text(out, text)
-    answers.print(f"wrote {out}")
+    save_or_print(out, text)
 
 
 def _read(source: Path) -> tuple[tuple[Effect, ...], GapReport | None]:
     """Effects of a report, or of an effects file."""
     if source.suffix.lower() == ".json":
-        report = read_report(read_text(source), str(source))
+        report = saved_report(source)
         return report.repaired(), report
     return load_effects(source), None
 
 
 def _write(made: Export, out: Path | None) -> None:
-    if out is None:
-        answers.print(made.text, soft_wrap=True, end="")
-        if made.parameters:
-            answers.print(made.parameters, soft_wrap=True, end="")
-        return
-    write_text(out, made.text)
-    answers.print(f"wrote {out}")
+    save_or_print(out, made.text)
     if made.parameters:
-        beside = out.with_suffix(".yaml")
-        write_text(beside, made.parameters)
-        answers.print(f"wrote {beside}")
+        save_or_print(None if out is None else out.with_suffix(".yaml"), made.parameters)
 
 
 def _check(

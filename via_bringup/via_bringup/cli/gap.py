@@ -11,20 +11,20 @@ import numpy as np
 import typer
 from via_core.devices import load_device
 from via_core.errors import ViaError
-from via_core.text_files import read_text, write_text
+from via_core.recordings.entries import Constants
 from via_gap.design.proposal import with_proposal
 from via_gap.diagnosis import diagnose as diagnosed
 from via_gap.logs.log import read_logs
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
-from via_gap.report.report import read_report, save_repair
+from via_gap.report.report import save_repair
 from via_gap.report.withheld import before_and_after
 from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, working
 from via_bringup.cli.gap_arm import Arm, CountsPerTurn, TorqueConstant, diagnosed_arm, joint_of_arm, named_causes
-from via_bringup.cli.outputs import check_files
-from via_bringup.cli.own_effects import OwnEffects
+from via_bringup.cli.options import OwnEffects, saved_report
+from via_bringup.cli.outputs import check_files, save
 
 
 def diagnose(
@@ -57,7 +57,7 @@ def diagnose(
     with working("reading and diagnosing") as progress:
         found = None
         if arm is not None:
-            found = diagnosed_arm(arm, logs, holdout or (), (counts_per_turn, torque_constant), progress)
+            found = diagnosed_arm(arm, logs, holdout or (), Constants(counts_per_turn, torque_constant), progress)
             reports = found.reports
         else:
             described = load_device(device or "")
@@ -69,20 +69,19 @@ def diagnose(
     for name, cause in named_causes(found):
         answers.print(f"{cause.text()}\n", soft_wrap=True)
         if out is not None:
-            write_text(_named(out, name), json.dumps(asdict(cause), indent=2) + "\n")
-            answers.print(f"wrote {_named(out, name)}\n")
+            save(_named(out, name), json.dumps(asdict(cause), indent=2) + "\n")
+            answers.print("")
     for number, report in enumerate(reports):
         answers.print("\n" * (number > 0) + text(report), soft_wrap=True)
         joint = report.joint if arm is not None else ""
         if out is not None:
-            write_text(_named(out, joint), report.to_json())
+            save(_named(out, joint), report.to_json())
         if html is not None:
             write_page(report, _named(html, joint))
+            answers.print(f"wrote {_named(html, joint)}")
         if effects_out is not None:
             save_repair(report, _named(effects_out, joint))
-        for path in (out, html, effects_out):
-            if path is not None:
-                answers.print(f"wrote {_named(path, joint)}")
+            answers.print(f"wrote {_named(effects_out, joint)}")
         if out is not None and device is not None and report.repaired():
             answers.print(f"next: via export {out} --device {device} --to mjcf --check {logs[0]}", soft_wrap=True)
 
@@ -99,7 +98,7 @@ def render(
 ) -> None:
     """Print a saved report as text; optionally write it as an HTML page."""
     check_files(html)
-    saved = read_report(read_text(report), str(report))
+    saved = saved_report(report)
     answers.print(text(saved), soft_wrap=True)
     if html is not None:
         write_page(saved, html)
@@ -130,11 +129,11 @@ def simulate(
     """
     check_files(out)
     described = load_device(device)
-    saved = read_report(read_text(report), str(report)) if report is not None else None
+    saved = saved_report(report) if report is not None else None
     added = load_effects(effects) if effects is not None else saved.repaired() if saved is not None else ()
     held_out = saved.held_out if saved is not None else ()
     if arm is not None:
-        read = joint_of_arm(arm, described, logs, payload or (), (counts_per_turn, torque_constant))
+        read = joint_of_arm(arm, described, logs, payload or (), Constants(counts_per_turn, torque_constant))
     else:
         read = read_logs(logs, described)
     by_equations = arm is not None or (saved is not None and saved.by_equations)
@@ -150,5 +149,4 @@ def simulate(
             for name, a, b in zip(before.names, before.signals, after.signals, strict=True)
         }
         content = {"before": before.overall, "after": after.overall, "floor": floor, "signals": signals}
-        write_text(out, json.dumps(content, indent=2) + "\n")
-        answers.print(f"wrote {out}")
+        save(out, json.dumps(content, indent=2) + "\n")

@@ -36,13 +36,13 @@ def diagnosed_arm(
     arm: str,
     logs: Sequence[Path],
     holdout: Sequence[Path],
-    constants: tuple[float | None, float | None],
+    constants: Constants,
     progress: Callable[[str, float], None],
 ) -> ArmDiagnosis:
-    """The diagnosis of all joints; constants are counts per turn and torque constant."""
+    """The diagnosis of all joints."""
     from via_gap.run.arms import diagnose_arm, find_arm, read_arm_log  # importing pinocchio takes a second
 
-    whole = find_arm(arm, logs[0], Constants(*constants))
+    whole = find_arm(arm, logs[0], constants)
     for remark in whole.remarks:
         errors.print(f"note: {remark}", soft_wrap=True)
     read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
@@ -62,12 +62,12 @@ def joint_of_arm(
     device: Device,
     logs: Sequence[Path],
     causes: Sequence[Path],
-    constants: tuple[float | None, float | None],
+    constants: Constants,
 ) -> list[JointLog]:
     """The logs of one joint, with the causes of an arm's reports. Raises ViaError where the arm has no such joint."""
     from via_gap.run.arms import find_arm, read_arm_log, read_cause, with_causes
 
-    whole = find_arm(arm, logs[0], Constants(*constants))
+    whole = find_arm(arm, logs[0], constants)
     whole = with_causes(whole, [read_cause(path) for path in causes])
     names = [each.name for each in whole.devices]
     if device.name not in names:

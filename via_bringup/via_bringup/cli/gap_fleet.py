@@ -16,8 +16,8 @@ from via_core.devices import load_device
 from via_core.text_files import write_text
 
 from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.options import OwnEffects
 from via_bringup.cli.outputs import check_files, check_folder
-from via_bringup.cli.own_effects import OwnEffects
 
 if TYPE_CHECKING:
     from via_gap.run.fleet import Row

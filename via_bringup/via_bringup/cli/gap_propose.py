@@ -7,15 +7,14 @@ from typing import Annotated
 
 import typer
 from via_core.devices import load_device
-from via_core.text_files import read_text, write_text
+from via_core.text_files import write_text
 from via_gap.design.commands import RANGE
 from via_gap.design.motion_file import write_motion
 from via_gap.design.proposal import general_motion, propose
-from via_gap.report.report import read_report
 
 from via_bringup.cli.console import answers, working
+from via_bringup.cli.options import OwnEffects, saved_report
 from via_bringup.cli.outputs import check_files
-from via_bringup.cli.own_effects import OwnEffects
 
 
 def propose_motion(
@@ -32,7 +31,7 @@ def propose_motion(
     Without tied causes, the motion written by --out has many speeds: its log tests the model once more.
     """
     check_files(out)
-    saved = read_report(read_text(report), str(report))
+    saved = saved_report(report)
     described = load_device(device or saved.joint)
     with working("searching for a motion that separates tied causes"):
         found = propose(saved, described, reach)

@@ -3,34 +3,33 @@
 from __future__ import annotations
 
 import json
-from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 from via_core.devices import Device, load_device
-from via_core.text_files import write_text
 from via_estimators.joint_equations import Unknown
 from via_gap.design.observed import Observed, declared_noise, observe_default, observe_log, torque_noise_of
 from via_gap.logs.log import read_log
 
 from via_bringup.cli.console import answers, table, working
-from via_bringup.cli.outputs import check_files
+from via_bringup.cli.options import DeviceName, JsonFile
+from via_bringup.cli.outputs import check_files, finite, save
 
 WELL = 0.05  # relative standard deviation up to which a quantity is determined well
 ROUGHLY = 0.3  # and roughly
 
 
 def observe(
-    device: Annotated[str, typer.Argument(help="Device name (see `via devices`) or path to its YAML.")],
+    device: DeviceName,
     log: Annotated[Path | None, typer.Argument(help="Bag folder, .mcap or .csv file; default: a simulation.")] = None,
     joint_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = "/joint_states",
     torque_noise: Annotated[
         float | None,
         typer.Option(min=1e-9, help="Without a log: noise of torque sensors \\[N m]; default: the file's."),
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Also write the results to this JSON file.")] = None,
+    json_file: JsonFile = None,
 ) -> None:
     """Show which quantities of a joint the signals and the motion determine, how well, and what is missing.
 
@@ -50,9 +49,7 @@ def observe(
     for each in found:
         _print_gaps(each, len(found) > 1)
     _print_assumptions(described, log is not None, torque_noise)
-    if json_file is not None:
-        write_text(json_file, json.dumps(_document(described, motion, found), indent=1))
-        answers.print(f"wrote {json_file}")
+    save(json_file, json.dumps(_document(described, motion, found), indent=1))
 
 
 def _of_log(device: Device, motion: str, observed: Observed) -> Table:
@@ -129,11 +126,7 @@ def _word(unknown: Unknown, sd: float) -> str:
 
 
 def _document(device: Device, motion: str, sets: list[Observed]) -> dict[str, Any]:
-    """The results as plain data; null for what is not finite."""
-
-    def number(value: float) -> float | None:
-        return value if isfinite(value) else None
-
+    """The results as plain data."""
     return {
         "device": device.name,
         "motion": motion,
@@ -142,7 +135,7 @@ def _document(device: Device, motion: str, sets: list[Observed]) -> dict[str, An
                 "title": each.title,
                 "channels": list(each.channels),
                 "rank": each.information.rank,
-                "condition": number(each.information.condition),
+                "condition": finite(each.information.condition),
                 "windows": each.information.windows,
                 "misfit": each.information.misfit,
                 "remedies": list(each.remedies),

@@ -17,13 +17,13 @@ from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate
 
 from via_bringup.cli.console import answers
+from via_bringup.cli.options import DeviceName, OwnEffects
 from via_bringup.cli.outputs import check_files
-from via_bringup.cli.own_effects import OwnEffects
 from via_bringup.cli.run import execute_node, ros_arguments
 
 
 def run_simulator(
-    device: Annotated[str, typer.Argument(help="Device name (see `via devices`) or path to its YAML.")],
+    device: DeviceName,
     mode: Annotated[str, typer.Option(help="realtime, lockstep or free (as fast as possible).")] = "realtime",
     effects: Annotated[Path | None, typer.Option(help="Effects file to add to the nominal model.")] = None,
     rate: Annotated[float, typer.Option(help="Samples per second \\[Hz].")] = 1000.0,

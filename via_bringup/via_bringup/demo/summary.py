@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pydantic import computed_field
-from via_core.device_parts import Record
 from via_core.metrics import WIDTH_95
+from via_core.records import Record
 
 Progress = Callable[[float, float, str], None]  # of a part: done, total, step
 

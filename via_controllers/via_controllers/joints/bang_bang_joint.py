@@ -131,7 +131,7 @@ def hanging(device: Device, theta: Array, near: float) -> float:
         gravity = device.link.gravity_torque * sin(q - device.link.gravity_angle)
         return gravity + float(device.torque_each(q, theta).sum())
 
-    reach = min(WIDEST, *(spring.max_deflection - abs(near - t) for spring, t in zip(device.spring_laws, theta)))
+    reach = min(WIDEST, *(spring.max_deflection - abs(near - t) for spring, t in zip(device.springs, theta)))
     if not (reach > 0.0 and force(near - reach) < 0.0 < force(near + reach)):
         raise ParameterError(f"device: no rest of '{device.name}' near {near} rad with its motors at {theta} rad")
     return float(brentq(force, near - reach, near + reach, xtol=1e-14))

@@ -74,7 +74,7 @@ class MaxVelocity(Controller[MaxVelocityState]):
         if not isinstance(motor, TorqueMotor) or motor.torque_limit is None or motor.speed_limit is None:
             raise ParameterError(f"device: '{device.name}' has no torque motor with torque_limit and speed_limit")
         return cls(
-            spring=device.spring_laws[0],
+            spring=device.springs[0],
             damping=2.0 * joint.damping_ratio * joint.frequency * device.link.inertia,
             horizon=horizon,
             turns=tuple(joint.turns(horizon)),
@@ -131,7 +131,7 @@ def joint_of(device: Device, damping_command: float = 0.0) -> ViscoElasticJoint:
         raise ParameterError(
             f"device: max_velocity needs one spring and one motor, '{device.name}' is {device.arrangement}"
         )
-    spring = device.spring_laws[0]
+    spring = device.springs[0]
     M, K, other = device.link.inertia, *(float(spring.stiffness(s * spring.max_deflection)) for s in (0.0, 0.5))
     if abs(other - K) > LINEAR * K or device.link.gravity_torque != 0.0:
         raise ParameterError(

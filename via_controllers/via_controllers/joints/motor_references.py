@@ -82,7 +82,7 @@ class MotorReferences:
     def from_device(cls, device: Device, share: float = 0.95) -> MotorReferences:
         """Presets from 0 to a `share` of the springs' stop; closer to it any motion would reach the stop."""
         require(0.0 < share < 1.0, f"share must lie between 0 and 1, got {share}")
-        stops = [spring.max_deflection for spring in device.spring_laws]
+        stops = [spring.max_deflection for spring in device.springs]
         return cls(device, (0.0, share * min(stops, default=1.0)))
 
     def at(self, q: float, stiffness: float) -> Array:
@@ -133,7 +133,7 @@ def _no_rest(device: Device, q: float, preset: float) -> UnreachableError:
 
 
 def _joint_of(device: Device) -> _Joint:
-    springs, link = device.spring_laws, device.link
+    springs, link = device.springs, device.link
     return _Joint(
         kinds=np.array([spring.kind for spring in springs]),
         coefficients=np.array([spring.coefficients() for spring in springs]),

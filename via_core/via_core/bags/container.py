@@ -20,7 +20,7 @@ import zstandard
 from numba import njit
 from numpy.typing import NDArray
 
-from via_core.errors import BagError
+from via_core.errors import BagError, one_line
 from via_core.limits import LIMITS, require_regular
 
 Bytes = NDArray[np.uint8]
@@ -239,7 +239,7 @@ class _Walk:
         except BagError as error:
             reason = str(error)
         except (struct.error, UnicodeDecodeError, IndexError, zstandard.ZstdError, RuntimeError, MemoryError) as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
+            reason = one_line(error)
         else:
             if len(records) != size:
                 reason = f"it holds {len(records)} bytes, its header states {size}"

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Reader
 
 from via_core.bags.container import ROW, Channel, Container, Messages, Schema
 from via_core.bags.definitions import definition_of
-from via_core.errors import BagError
+from via_core.errors import BagError, one_line
 from via_core.limits import require_regular
 
 
@@ -51,7 +51,7 @@ def read_database(path: Path, wanted: Callable[[str], bool] = lambda topic: True
                 payloads[each.id].append(bytes(data))
                 rows[each.id].append((len(data), time, time, 0, position))
     except Exception as error:  # rosbags, sqlite and zstd raise errors of their own
-        raise BagError(f"{path.name} cannot be read: {' '.join(str(error).split())[:160]}") from None
+        raise BagError(f"{path.name} cannot be read: {one_line(error)}") from None
     messages = {
         number: Messages(np.frombuffer(b"".join(parts), dtype=np.uint8), np.array(rows[number], dtype=ROW))
         for number, parts in payloads.items()

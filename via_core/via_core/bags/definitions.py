@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
-from via_core.errors import BagError
+from via_core.errors import BagError, one_line
 from via_core.limits import LIMITS
 from via_core.text_files import shown
 
@@ -58,7 +58,7 @@ def typestore_of(type_name: str) -> Typestore:
 def definition_of(type_name: str) -> Definition:
     """The definition of `type_name` ('package/msg/Name'). Raises BagError when no definition is found."""
     store, texts = _load(type_name)
-    nested = [f"{_SEPARATOR}\nMSG: {_short(name)}\n{texts[name]}" for name in texts if name != type_name]
+    nested = [f"{_SEPARATOR}\nMSG: {name.replace('/msg/', '/')}\n{texts[name]}" for name in texts if name != type_name]
     return Definition(type_name, "\n".join([texts[type_name], *nested]), store.hash_rihs01(type_name))
 
 
@@ -74,8 +74,7 @@ def typestore_from_text(type_name: str, text: str) -> Typestore:
         store.register(found)
         store.get_msgdef(type_name)
     except Exception as error:  # rosbags parses untrusted text and runs code that it generates from it
-        reason = shown(_one_line(error))[:200] or type(error).__name__
-        raise BagError(f"the definition of {shown(type_name)} is invalid: {reason}") from None
+        raise BagError(f"the definition of {shown(type_name)} is invalid: {shown(one_line(error))}") from None
     return store
 
 
@@ -124,7 +123,7 @@ def _collect(type_name: str, store: Typestore, texts: dict[str, str]) -> None:
         try:
             store.register(get_types_from_msg(texts[type_name], type_name))
         except TypesysError as error:
-            raise BagError(f"the definition of {type_name} is invalid: {_one_line(error)}") from None
+            raise BagError(f"the definition of {type_name} is invalid: {one_line(error)}") from None
     else:
         texts[type_name] = store.gendefhash(type_name, {}, 2)[0].rstrip() + "\n"
     for nested in _nested(store, type_name):
@@ -153,11 +152,3 @@ def _definition_file(type_name: str) -> Path:
         f"no definition of message type '{type_name}': it is not a standard message, and no {package}/msg/{name}.msg "
         "is installed under AMENT_PREFIX_PATH"
     )
-
-
-def _short(type_name: str) -> str:
-    return type_name.replace("/msg/", "/")
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())

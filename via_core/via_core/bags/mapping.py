@@ -7,34 +7,27 @@ error, so that a renamed column cannot silently count as not measured. Of a bag,
 from __future__ import annotations
 
 import re
-from functools import cached_property
-from importlib import resources
 from pathlib import Path
 from string import Formatter
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import regex
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from via_core.device_parts import Record, Text
+from via_core.device_parts import UnitColumn
 from via_core.errors import ImportMapError, ParameterError
 from via_core.limits import LIMITS
-from via_core.problems import problems
-from via_core.recordings.units import factor, is_unit, kind
+from via_core.recordings.units import is_unit, kind
+from via_core.records import Record, Text, is_path, read_record, shipped_names
 from via_core.signals import Array
-from via_core.text_files import read_text, read_yaml, shown
+from via_core.text_files import shown
 
 
-class _Column(Record):
-    """One column: value = number in the file * (unit in SI * scale) + offset; bit-exact for factor 1 and offset 0."""
+class _Column(UnitColumn):
+    """One column, whose unit must be stated."""
 
-    column: str
-    unit: str  # as `via_core.recordings.units` reads it
-    counts_per_turn: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None  # for unit: counts
-    torque_constant: Annotated[float, Field(allow_inf_nan=False)] = 1.0  # [N m/A] makes an effort of a current
-    scale: Annotated[float, Field(allow_inf_nan=False)] = 1.0
-    offset: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    unit: str
 
     @field_validator("unit")
     @classmethod
@@ -50,15 +43,6 @@ class _Column(Record):
         except ParameterError as error:
             raise ValueError(f"column '{self.column}': {error}") from None
         return self
-
-    @cached_property
-    def factor(self) -> float:
-        """SI value of one unit of the column."""
-        return factor(self.unit, self.counts_per_turn) * self.torque_constant * self.scale
-
-    def in_si(self, values: Any) -> Any:
-        scaled = values if self.factor == 1.0 else values * self.factor
-        return scaled if self.offset == 0.0 else scaled + self.offset
 
 
 class TimeColumn(_Column):
@@ -215,22 +199,12 @@ class Mapping(Record):
 
 def mapping_names() -> tuple[str, ...]:
     """Names of the shipped mappings, sorted."""
-    folder = resources.files("via_core").joinpath("mappings")
-    return tuple(sorted(file.name.removesuffix(".yaml") for file in folder.iterdir() if file.name.endswith(".yaml")))
+    return shipped_names("mappings")
 
 
 def load_mapping(name_or_path: str | Path) -> Mapping:
     """The shipped mapping of that name, or the mapping of a YAML file. Raises ImportMapError with file and key."""
-    if isinstance(name_or_path, Path) or re.search(r"[/\\]|\.ya?ml$", name_or_path):
-        where = Path(name_or_path)
-    else:
-        if name_or_path not in mapping_names():
-            raise ImportMapError(f"no mapping '{name_or_path}'; there are: {', '.join(mapping_names())}")
-        where = Path(str(resources.files("via_core").joinpath("mappings", f"{name_or_path}.yaml")))
-    try:
-        mapping = Mapping.model_validate(read_yaml(read_text(where, ImportMapError), where.name, ImportMapError))
-    except ValidationError as error:
-        raise ImportMapError(f"{where.name}: {problems(error)}") from None
-    if mapping.device is not None and re.search(r"[/\\]|\.ya?ml$", mapping.device):
-        return mapping.model_copy(update={"device": str(where.parent / mapping.device)})  # relative to the mapping
+    path, mapping = read_record(Mapping, name_or_path, "mappings", ImportMapError)
+    if mapping.device is not None and is_path(mapping.device):
+        return mapping.model_copy(update={"device": str(path.parent / mapping.device)})  # relative to the mapping
     return mapping

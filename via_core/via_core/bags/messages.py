@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from via_core.bags.definitions import typestore_of
 from via_core.bags.layout import filled
 from via_core.signals import Array
-from via_core.wire import EQUILIBRIUM_PRESET, FIELDS, JOINT_STATE, MOTOR_TORQUE, VSA_COMMAND
+from via_core.wire import EQUILIBRIUM_PRESET, FIELDS, JOINT_STATE, MOTOR_TORQUE, SECOND, VSA_COMMAND
 
 
 class Stream(NamedTuple):
@@ -68,5 +68,5 @@ def _header(store: Any, frame: str) -> Any:
 
 
 def _stamps(stamp: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
-    seconds, nanoseconds = np.divmod(stamp, 1_000_000_000)
+    seconds, nanoseconds = np.divmod(stamp, SECOND)
     return {"header.stamp.sec": seconds, "header.stamp.nanosec": nanoseconds}

@@ -28,7 +28,7 @@ from via_core.bags.database import databases_of, read_database
 from via_core.bags.definitions import Definition, typestore_from_text
 from via_core.bags.layout import NoFixedLayoutError, column, decoded, layout_of, scalar_formats, shares_layout
 from via_core.bags.writer import JUMPS, STORAGE_METADATA
-from via_core.errors import BagError
+from via_core.errors import BagError, one_line
 from via_core.signals import Mask
 from via_core.text_files import read_text, read_yaml
 from via_core.wire import JOINT_STATE, SECOND
@@ -180,8 +180,7 @@ class Topic:
             try:
                 rows.append(dict(_flattened(decoded(self.store, self.type_name, data))))
             except Exception as error:  # generated code: raises any exception on invalid bytes
-                reason = " ".join(str(error).split()) or type(error).__name__
-                left_out.append(f"message {k} of {self.name} is not a {self.type_name}: {reason}")
+                left_out.append(f"message {k} of {self.name} is not a {self.type_name}: {one_line(error)}")
                 fits[k] = False
         formats = scalar_formats(self.store, self.type_name)
         names = rows[0] if rows else ()

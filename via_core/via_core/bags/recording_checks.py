@@ -175,7 +175,7 @@ def _strongest_torque(commands: Signals | None, device: Device) -> float:
     if commands is not None and "preset" in commands and np.isfinite(commands["preset"]).any():
         preset = float(np.nanmax(np.abs(commands["preset"])))
     torque = 0.0
-    for spring in device.spring_laws:
+    for spring in device.springs:
         phi = np.linspace(-spring.max_deflection, spring.max_deflection, 401)
         torque += float(np.abs(spring.torque(phi, preset)).max())
     return torque + device.link.gravity_torque if torque else 0.0

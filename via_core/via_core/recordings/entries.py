@@ -47,7 +47,8 @@ def entries_of(
     tables: Tables, guesses: Sequence[ColumnGuess], joint: str, constants: Constants = Constants(), bag: bool = False
 ) -> Entries:
     """Entries for one joint. Raises SignalError with the remedy where there is no position of it."""
-    chosen = of_joint(guesses, constants.joint or joint)
+    own = ("", constants.joint or joint)  # names of columns of this joint
+    chosen = of_joint(guesses, own[1])
     if "position" not in chosen:
         there = ", ".join(f"'{each.column}'" for each in guesses) or "none"
         raise SignalError(f"no column looks like a position; there are: {there}; name it under wire.columns as q")
@@ -94,14 +95,14 @@ def entries_of(
             entry,
             f"{guess.reason}{'' if guess.sure or 'check' in guess.reason else f'; taken as {guess.unit}'}",
         )
-    positions = [each.column for each in guesses if each.quantity == "position" and each.joint in ("", joint)]
+    positions = [each.column for each in guesses if each.quantity == "position" and each.joint in own]
     if len(positions) > 1 and not bag:
         remarks.append(
             f"several columns look like the position: {', '.join(positions)}; '{chosen['position'].column}' is used; "
             "check q under wire.columns"
         )
     used = {each[0]["column"] for each in columns.values()} | {time.column} | explained
-    left = [each.column for each in guesses if each.column not in used and each.joint in ("", joint) and not bag]
+    left = [each.column for each in guesses if each.column not in used and each.joint in own and not bag]
     if left:
         remarks.append(f"columns not used: {', '.join(left[:12])}{' ...' if len(left) > 12 else ''}")
     return Entries(columns, tuple(remarks))

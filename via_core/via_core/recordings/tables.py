@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from via_core.errors import BagError, SignalError, ViaError
+from via_core.errors import BagError, SignalError, ViaError, one_line
 from via_core.limits import require_regular
-from via_core.recordings.texts import MISSING, one_line, read_csv
+from via_core.recordings.texts import MISSING, read_csv
 from via_core.signals import Array
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from via_core.errors import SignalError
+from via_core.errors import SignalError, one_line
 from via_core.limits import require_regular
 from via_core.recordings.units import is_unit
 
@@ -149,8 +149,3 @@ def _by_spaces(path: Path, head: _Head) -> DataFrame:
     import pandas
 
     return pandas.read_csv(path, sep=r"\s+", skiprows=head.skipped, names=head.names, index_col=False)
-
-
-def one_line(error: BaseException) -> str:
-    """The message of an exception in one line of at most 160 characters."""
-    return " ".join(str(error).split())[:160] or type(error).__name__

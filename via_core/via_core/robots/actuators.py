@@ -96,21 +96,21 @@ def _actuator(model: Any, i: int) -> Actuator:
         ends = np.array([max(ends[0], commanded[0]), min(ends[1], commanded[1])])
     low, high = np.sort(gear * ends) if gear else (0.0, 0.0)
     return Actuator(
-        _name(model, i),
-        sort,
-        gear,
-        gain,
-        -damping * gear**2,
-        constant * gear,
-        float(low),
-        float(high),
-        float(model.actuator_delay[i]),
-        None if pid or int(model.actuator_dyntype[i]) == _AT_ONCE else float(model.actuator_dynprm[i, 0]),
-        (float(model.actuator_damping[i]) * gear**2, float(model.actuator_armature[i]) * gear**2),
-        bool(np.any(model.actuator_dampingpoly[i])),
-        integral,
-        integral * most / abs(gear) if most else None,
-        slew / abs(gear) if slew else None,
+        name=_name(model, i),
+        sort=sort,
+        gear=gear,
+        gain=gain,
+        damping=-damping * gear**2,
+        bias=constant * gear,
+        low=float(low),
+        high=float(high),
+        delay=float(model.actuator_delay[i]),
+        time_constant=None if pid or int(model.actuator_dyntype[i]) == _AT_ONCE else float(model.actuator_dynprm[i, 0]),
+        passive=(float(model.actuator_damping[i]) * gear**2, float(model.actuator_armature[i]) * gear**2),
+        polynomial=bool(np.any(model.actuator_dampingpoly[i])),
+        integral=integral,
+        integral_limit=integral * most / abs(gear) if most else None,
+        slew=slew / abs(gear) if slew else None,
     )
 
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pinocchio
 
-from via_core.errors import DeviceError
+from via_core.errors import DeviceError, one_line
 from via_core.robots.actuators import drive_of, elsewhere
 from via_core.robots.models import Robot, RobotJoint
 
@@ -27,17 +27,17 @@ def read_mjcf(path: Path) -> Robot:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, OSError) as error:
-        raise DeviceError(f"{path}: MuJoCo cannot read it: {_line(error)}") from None
+        raise DeviceError(f"{path}: MuJoCo cannot read it: {one_line(error)}") from None
     remarks: list[str] = []
     try:
         model = spec.compile()
     except ValueError as first:
-        remarks += _drop_assets(spec, _line(first))
+        remarks += _drop_assets(spec, one_line(first))
         try:
             model = spec.compile()
         except ValueError as error:
             hint = "; state <inertial> for bodies whose mass comes from missing meshes" if "mass" in str(error) else ""
-            raise DeviceError(f"{path}: MuJoCo cannot compile it: {_line(error)}{hint}") from None
+            raise DeviceError(f"{path}: MuJoCo cannot compile it: {one_line(error)}{hint}") from None
     joints = tuple(_joint(model, j) for j in range(model.njnt) if int(model.jnt_type[j]) in (_HINGE, _SLIDE))
     if model.neq:
         remarks.append(f"{model.neq} equality constraints: not used")
@@ -184,7 +184,3 @@ def _bodies(model: Any) -> tuple[pinocchio.Model, pinocchio.Model | None]:
 def _rotation(quaternion: Any) -> Any:
     w, x, y, z = map(float, quaternion)
     return pinocchio.Quaternion(w, x, y, z).normalized().toRotationMatrix()
-
-
-def _line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:160]

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio
 
-from via_core.errors import DeviceError, ParameterError
+from via_core.errors import DeviceError, ParameterError, one_line
 from via_core.robots.models import Robot, RobotJoint
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -95,7 +95,7 @@ def _built(text: str) -> tuple[pinocchio.Model, list[str]]:
         try:
             model = pinocchio.buildModelFromXML(text)
         except (ValueError, RuntimeError, IndexError) as error:
-            problem = " ".join(str(error).split())
+            problem = one_line(error)
     found = re.findall(r"^(Error|Warning):\s*(.*)$", "\n".join(lines), re.MULTILINE)
     errors = [reason for sort, reason in found if sort == "Error"]
     if model is None or errors:

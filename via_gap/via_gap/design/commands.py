@@ -47,7 +47,7 @@ def commands_of(plant: JointPlant, motion: Motion, size: float) -> tuple[Signals
     preset = np.zeros(len(time))
     if device.arrangement == "antagonistic":
         raised = np.clip(time / REST, 0.0, 1.0)
-        preset = raised * (0.25 + 0.15 * load) * device.spring_laws[0].max_deflection
+        preset = raised * (0.25 + 0.15 * load) * device.springs[0].max_deflection
     wanted = device.motor_angles(equilibrium, preset) if device.n_motors else equilibrium[:, None]
     torque = following(plant, wanted, equilibrium, start, rate)
     channels = {"motor": torque} if device.n_motors else {"external_torque": torque[:, 0]}
@@ -121,5 +121,5 @@ def within_limits(log: JointLog, size: float) -> bool:
             return False
     return all(
         bool(np.max(np.abs(measured["q"] - theta[:, i])) <= DEFLECTED * spring.max_deflection)
-        for i, spring in enumerate(device.spring_laws)
+        for i, spring in enumerate(device.springs)
     )

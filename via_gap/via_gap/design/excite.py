@@ -93,10 +93,10 @@ class Limits:
             )
         torque = np.array([motor.torque_limit or inf for motor in motors])
         speed = np.array([motor.speed_limit or inf for motor in motors])
-        stops = np.array([spring.max_deflection for spring in device.spring_laws])
+        stops = np.array([spring.max_deflection for spring in device.springs])
         share = np.linspace(0.0, 1.0, 400)[1:]
         reaches = []
-        for spring, most in zip(device.spring_laws, torque, strict=False):
+        for spring, most in zip(device.springs, torque, strict=False):
             tau = np.maximum(
                 np.abs(spring.torque(share * spring.max_deflection)),
                 np.abs(spring.torque(-share * spring.max_deflection)),
@@ -219,7 +219,7 @@ class Problem:
         """Predicted relative standard deviation, root mean square over the presets."""
         slope = np.zeros((len(self.presets), len(information.unknowns)))
         sigma = np.zeros(len(self.presets))
-        for i, spring in enumerate(self.device.spring_laws):
+        for i, spring in enumerate(self.device.springs):
             phi = self.presets * (1.0 if i else -1.0)  # theta = (s, -s) at q = 0
             slope += information.stiffness_slope(i + 1, phi)
             sigma += spring.stiffness(phi)

@@ -37,7 +37,7 @@ class Prescribed:
 
 def prescribed(device: Device, time: Array, theta: Array) -> Prescribed:
     """The motion with motor angles theta (N, m) [rad] at equidistant times (N,), the link at rest at q = 0 first."""
-    springs, link, n = device.spring_laws, device.link, device.n_transmissions
+    springs, link, n = device.springs, device.link, device.n_transmissions
     damping = float(device.damping_of(0.0)) if device.damper is not None else 0.0
     across = damping if device.damper is not None and device.damper.site == "transmission" else 0.0
     viscous = link.viscous_friction + (damping - across)

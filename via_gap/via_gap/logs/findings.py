@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Annotated, Literal, get_args
 
 from pydantic import Field
-from via_core.device_parts import Record as Record
+from via_core.records import Record as Record
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]

@@ -15,7 +15,7 @@ from typing import Literal
 
 from pydantic import Field, ValidationError, model_validator
 from via_core.errors import ParameterError
-from via_core.problems import problems
+from via_core.records import problems
 from via_sim.effects import Effect
 from via_sim.effects.device_numbers import DEVICE_NUMBERS
 from via_sim.effects.files import save_effects

@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from scipy.stats import norm
 from via_core.errors import SignalError
-from via_core.problems import problems
+from via_core.records import problems
 from via_core.signals import Array
 from via_core.text_files import read_text
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import yaml
 from pydantic import Field
-from via_core.device_parts import Record
+from via_core.records import Record
 
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 

@@ -32,7 +32,7 @@ from importlib import resources
 
 import numpy as np
 import yaml
-from via_core.device_parts import Record
+from via_core.records import Record
 from via_core.signals import Array
 
 DISCREPANCY = 0.003  # of a value: below it, the intervals of exact models of a second simulator fail

@@ -136,7 +136,7 @@ def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
     if site == "transmission":
         if motor > device.n_transmissions:
             return f"'{device.name}' has {device.n_transmissions} transmissions"
-        has_preset = device.spring_laws[motor - 1].kind in (MACCEPA, TWO_LEVER)
+        has_preset = device.springs[motor - 1].kind in (MACCEPA, TWO_LEVER)
         if kind.of_preset and device.arrangement == "serial" and not has_preset:
             return f"the spring of '{device.name}' does not depend on a preset"
     driven = device.n_motors == 0 and kind.of_drive and site == "motor"  # the drive of a rigid joint is its motor 1

@@ -98,7 +98,7 @@ def disturbed_run(device: Device, seed: int, supervisor: JointSupervisor) -> Wor
         JointAxes(device),
         Simulator(JointPlant.from_device(device), 1.0 / PERIOD, Sensors.of_device(device)),
     )
-    stop = min(spring.max_deflection for spring in device.spring_laws)
+    stop = min(spring.max_deflection for spring in device.springs)
     q, preset = random.uniform(-POSTURE, POSTURE), random.uniform(0.0, PRESET) * stop
     body = simulator.init(seed=seed).copy()
     body[0], body[1 : 1 + m] = q, device.motor_angles(resting(device, q, preset), preset)

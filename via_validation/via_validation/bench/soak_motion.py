@@ -61,7 +61,7 @@ def motion_of(device: Device, method: str, period: float = PERIOD) -> Motion:
     elif device.arrangement == "rigid":
         names |= {"external_torque": tones(0.0, (4.0, 0.5), (2.0, 1.3))}
     elif device.drive == "torque" and device.n_transmissions == 2:
-        load = LOAD * float(device.spring_laws[0].torque(device.spring_laws[0].max_deflection))
+        load = LOAD * float(device.springs[0].torque(device.springs[0].max_deflection))
         first = tones(1.0, (0.5, 0.7), (0.25, 1.9))
         second = tones(1.0, (0.5, 1.1), (0.25, 2.3))
         names |= {"motor": np.column_stack([load * first, -load * second])}

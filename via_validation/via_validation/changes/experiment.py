@@ -110,7 +110,7 @@ def _with_springs(device: Device, schedule: Schedule, duration: float) -> Record
 
 def _controller(device: Device) -> MotorPositionControl:
     """The position control of `via compare`, along its multisines scaled to the stop of the joint's springs."""
-    first, second = device.spring_laws
+    first, second = device.springs
     scale = min(first.max_deflection / QBMOVE_STOP, WIDEST)
     limits = [motor.torque_limit or inf if isinstance(motor, TorqueMotor) else inf for motor in device.motors]
 

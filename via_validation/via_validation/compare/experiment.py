@@ -109,7 +109,7 @@ def motion_of(device: Device, friction: bool, duration: float = DURATION) -> Mot
     if device.arrangement != "antagonistic" or device.drive != "torque":
         raise ParameterError(f"'{device.name}' is not an antagonistic joint with torque-driven motors")
     plant = JointPlant.from_device(device if friction else without_friction(device))
-    first, second = device.spring_laws
+    first, second = device.springs
     limits = [motor.torque_limit or np.inf for motor in _motors(device)]
     controller = MotorPositionControl(
         springs=(first, second),

@@ -47,7 +47,7 @@ def torques_of(device: Device, time: Array) -> Channels:
         held = np.floor(time * SERVO_COMMANDS + 1e-9) / SERVO_COMMANDS
         slow, fast = np.sin(2.0 * np.pi * 0.8 * held), np.sin(2.0 * np.pi * 1.9 * held)
         return {"equilibrium": 0.5 * slow + 0.35 * fast, "preset": np.full(len(time), 0.6)}
-    size = np.clip(2.0 * time, 0.0, 1.0) * SIZE * float(device.spring_laws[0].torque(device.springs[0].max_deflection))
+    size = np.clip(2.0 * time, 0.0, 1.0) * SIZE * float(device.springs[0].torque(device.springs[0].max_deflection))
     both = [size * (1.0 + 0.6 * first + 0.3 * second), -size * (1.0 + 0.6 * third + 0.3 * fourth)]
     return {"motor": np.column_stack(both[: device.n_motors])}
 
@@ -148,7 +148,7 @@ def _thinned(device: Device, share: float) -> Signals:
 def _variations_of_servo(device: Device) -> Mapping[str, Callable[[], Signals]]:
     observed, typical = (
         device.observed,
-        device.spring_laws[0].torque(np.linspace(0.0, device.springs[0].max_deflection)),
+        device.springs[0].torque(np.linspace(0.0, device.springs[0].max_deflection)),
     )
 
     def link(**changed: float) -> Device:
@@ -202,7 +202,7 @@ def variations_of(device: Device) -> Mapping[str, Callable[[], Signals]]:
         return np.concatenate([np.repeat(tau[:1], 5, axis=0), tau[:-5]])
 
     heavy = device.model_copy(update={"link": device.link.model_copy(update={"inertia": 3.0 * device.link.inertia})})
-    typical = SIZE * float(device.spring_laws[0].torque(device.springs[0].max_deflection)) if device.springs else 0.0
+    typical = SIZE * float(device.springs[0].torque(device.springs[0].max_deflection)) if device.springs else 0.0
     return {
         "as filed": lambda: moved(device),
         "link inertia x 3": lambda: moved(device, heavy),

@@ -10,8 +10,9 @@ from __future__ import annotations
 from math import cos, inf, isfinite, sin
 
 import mujoco
-from via_core.device_parts import Cubic, Linear, Maccepa, OddPolynomial, ServoMotor, TorqueMotor
+from via_core.device_parts import ServoMotor, TorqueMotor
 from via_core.devices import Device
+from via_core.springs import CubicSpring, LinearSpring, MaccepaSpring, OddPolynomialSpring
 
 from via_validation.sealed.physics import Physics
 
@@ -24,11 +25,11 @@ G = 9.81  # [m/s^2]
 def polynomial(device: Device, i: int) -> tuple[float, float] | None:
     """c_0, c_1 of tau = c_0 phi + c_1 phi^3; None for springs of another form."""
     spring = device.springs[i]
-    if isinstance(spring, Linear):
-        return spring.stiffness, 0.0
-    if isinstance(spring, Cubic):
+    if isinstance(spring, LinearSpring):
+        return spring.k, 0.0
+    if isinstance(spring, CubicSpring):
         return 0.0, spring.coefficient
-    if isinstance(spring, OddPolynomial) and len(spring.odd_coefficients) <= 2:
+    if isinstance(spring, OddPolynomialSpring) and len(spring.odd_coefficients) <= 2:
         first, second = (*spring.odd_coefficients, 0.0)[:2]
         return first, second
     return None
@@ -36,7 +37,7 @@ def polynomial(device: Device, i: int) -> tuple[float, float] | None:
 
 def is_geometric(device: Device, physics: Physics, i: int) -> bool:
     """Whether transmission i is modelled as a spatial tendon: a MACCEPA without backlash."""
-    return isinstance(device.springs[i], Maccepa) and physics.gap[i] == 0.0
+    return isinstance(device.springs[i], MaccepaSpring) and physics.gap[i] == 0.0
 
 
 def build(device: Device, physics: Physics, step: float = STEP) -> mujoco.MjModel:
@@ -50,7 +51,7 @@ def build(device: Device, physics: Physics, step: float = STEP) -> mujoco.MjMode
         dry = motor.coulomb_friction if isinstance(motor, TorqueMotor) else 0.0
         joint = _joint(f"m{i}", viscous, dry, physics, 1 + i)
         lever = ""
-        if i == 0 and isinstance(device.springs[0], Maccepa):
+        if i == 0 and isinstance(device.springs[0], MaccepaSpring):
             lever = f'<site name="lever" pos="{device.springs[0].lever} 0 0"/>'
         bodies.append(f"<body>{joint}{_inertial(inertia)}{lever}</body>")
     if physics.follower_inertia > 0.0:
@@ -92,9 +93,9 @@ def _link(device: Device, physics: Physics) -> str:
     mass = weight / (G * arm) if weight else 1.0
     parts = [_joint("q", link.viscous_friction, link.coulomb_friction, physics, 0)]
     parts.append(_inertial(inertia - mass * arm * arm, mass, arm))
-    if any(isinstance(spring, Maccepa) for spring in device.springs):
+    if any(isinstance(spring, MaccepaSpring) for spring in device.springs):
         spring = device.springs[0]
-        assert isinstance(spring, Maccepa)
+        assert isinstance(spring, MaccepaSpring)
         parts.append(f'<site name="base" pos="{spring.base} 0 0"/>')
     if physics.payload_mass > 0.0:
         payload = _inertial(1e-9, physics.payload_mass)
@@ -183,7 +184,7 @@ def _actuator(device: Device, physics: Physics, i: int, servo: bool, step: float
 def _tension_actuator(device: Device, physics: Physics) -> str:
     """Actuator for the cord's tension K (A - A0 + r preset); its control is the preset motor's drum angle."""
     spring = device.springs[0] if device.springs else None
-    if not isinstance(spring, Maccepa) or not is_geometric(device, physics, 0):
+    if not isinstance(spring, MaccepaSpring) or not is_geometric(device, physics, 0):
         return ""
     k = spring.k
     bias = f"{k * spring.free_length!r} {-k!r} 0"

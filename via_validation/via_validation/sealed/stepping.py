@@ -9,10 +9,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from via_core.device_parts import Exponential, Maccepa, Sinh, TorqueMotor
+from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
+from via_core.springs import ExponentialSpring, MaccepaSpring, SinhSpring
 
 from via_validation.sealed.loop import EXPONENTIAL, MACCEPA, POLYNOMIAL, SIZES, STARTS, R, run
 from via_validation.sealed.model import STEP, build, is_geometric, polynomial
@@ -171,10 +172,10 @@ def _spring(device: Device, i: int) -> tuple[int, tuple[float, ...]]:
     given, powers = device.springs[i], polynomial(device, i)
     if powers is not None:
         return POLYNOMIAL, powers
-    if isinstance(given, Sinh):
+    if isinstance(given, SinhSpring):
         return EXPONENTIAL, (0.5 * given.k, 0.5 * given.k, given.a)
-    if isinstance(given, Exponential):
+    if isinstance(given, ExponentialSpring):
         return EXPONENTIAL, (given.k * given.rise, given.k * given.fall, given.a)
-    if isinstance(given, Maccepa):
+    if isinstance(given, MaccepaSpring):
         return MACCEPA, (given.k, given.lever, given.base, given.free_length, given.drum_radius)
     raise ParameterError(f"springs.{i}: the benchmark has no spring '{type(given).__name__}'")

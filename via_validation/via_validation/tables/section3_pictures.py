@@ -10,6 +10,7 @@ import numpy as np
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, STYLE
 from via_core.devices import Device, load_device
 from via_core.signals import Array
+from via_core.springs import ExponentialSpring
 from via_core.status import Status
 from via_estimators.contract import Estimates
 from via_estimators.modulated_stiffness import ModulatedStiffness
@@ -60,10 +61,8 @@ def exponential_log() -> tuple[Device, Log]:
     motor = np.clip(t / 0.5, 0.0, 1.0)[:, None] * (2.5 + 1.5 * tones) * np.array([1.0, -1.0])
     device = load_device("dlr_bavs")
     smooth = tuple(each.model_copy(update={"coulomb_friction": 0.0}) for each in device.motors)
-    rise, fall = (
-        {"k": 1.0, "rise": a, "fall": b, "a": 3.0, "max_deflection": 1.5} for a, b in ((0.05, 0.25), (0.25, 0.05))
-    )
-    springs = tuple(each.model_copy(update=change) for each, change in zip(device.springs, (rise, fall), strict=True))
+    ends = ((0.05, 0.25), (0.25, 0.05))
+    springs = tuple(ExponentialSpring(1.5, k=1.0, rise=rise, fall=fall, a=3.0) for rise, fall in ends)
     device = device.model_copy(update={"motors": smooth, "springs": springs})
     return device, log_of(device, t, motor)
 

@@ -71,7 +71,7 @@ def motion(variant: str, drift: float = SLOW, terms: int = 0) -> Motion:
     terms    0: the linkage (50); else springs with that many odd powers, fitted to it over .9 rad
     """
     device = load_device(VARIANTS[variant])
-    spring = device.spring_laws[0] if terms == 0 else _fitted(device.spring_laws[0], terms)
+    spring = device.springs[0] if terms == 0 else _fitted(device.springs[0], terms)
     kind, row, link = spring.kind, spring.coefficients(), device.link
     rate = drift / row[0]  # of the spring's factor k
 
@@ -115,7 +115,7 @@ def held(variant: str, start: float = 8.0, hold: float = 7.0, slowing: float = 0
     """
     free = motion(variant)
     device: Device = load_device(VARIANTS[variant])
-    spring = device.spring_laws[0]
+    spring = device.springs[0]
     angle, link = CubicSpline(free.time, free.theta, axis=0), CubicSpline(free.time, free.q)
     t = PERIOD * np.arange(round((start + hold) / PERIOD) + 1, dtype=np.float64)
 
