@@ -46,11 +46,12 @@ declared uncertainty of the torque's scale, which no motion shows, and the trunc
 estimates the size of the first one left out (`truncation`). So give the basis one term more than needed, or set
 truncation to 0 if it is exact.
 
-Where a motor sticks (u = 1; it is 0 where the motor moves), dry friction has any value within -F..F. It is noise, and in
-part what holds the motor against the spring: proportional to the deflection, y = phi over the largest one visited.
-That part returns with the motion and does not average out. So x within -1..1 is an unknown: a motor that always sticks
-shows its stiffness only to F over the amplitude of the deflection. As noise alone, it made a held motor's stiffness 40 %
-wrong at a standard deviation of 25 %.
+Where a motor sticks (u = 1; it is 0 where the motor moves), dry friction has any value within -F..F. It is noise, and
+in part what holds the motor against the spring: proportional to the deflection, y = phi over the largest one visited,
+with an unknown x of about 1. That part returns with the motion and does not average out, so a motor that always sticks
+shows its stiffness only to F over the amplitude of the deflection. Nor does the noise: a disturbance that n - 1
+unknowns can follow contains as much as n - 1 equations, however many there were within the memory. As independent noise
+alone, it made a held motor's stiffness 40 % wrong at a standard deviation of 25 %.
 
 Effort convention: the effort in a sample stamped t_n is the torque that acted over the interval ENDING at t_n,
 (t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is constant over exactly such
@@ -91,7 +92,8 @@ WORN[U.damping : U.long + 1] = 1.0
 ABSENT = nested.odds_of(len(EFFECTS))
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative,
-# factor of the covariance, less 1: of `interacting_models.returning` and of `passive.restrict`.
+# factor of the covariance, less 1: of `interacting_models.returning` and of `passive.restrict`; windows in which
+# the motor stuck, within the memory.
 KEPT = slots("moved", "moving", "wider", "stuck", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
 

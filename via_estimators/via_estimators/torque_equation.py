@@ -57,7 +57,7 @@ def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array
 
 @njit(cache=True, error_model="numpy")
 def _friction(own: Array, psi: Array, quantum: float, step: float, row: Array) -> float:
-    """Write the regressors of dry friction and of `stuck` into row (n,); returns the share <u, psi> without a direction.
+    """Write the regressors of dry friction and of `stuck` into row (n,); returns the share <u, psi> that sticks.
 
     The change of the angle over REACH to each side has a sign if it is at least two encoder steps, u = 0; a motor that
     sticks has none, u = 1, and friction may then have any value up to its limit.
