@@ -49,9 +49,8 @@ truncation to 0 if it is exact.
 Where a motor sticks (u = 1; it is 0 where the motor moves), dry friction has any value within -F..F. It is noise, and
 in part what holds the motor against the spring: proportional to the deflection, y = phi over the largest one visited,
 with an unknown x of about 1. That part returns with the motion and does not average out, so a motor that always sticks
-shows its stiffness only to F over the amplitude of the deflection. Nor does the noise: a disturbance that n - 1
-unknowns can follow contains as much as n - 1 equations, however many there were within the memory. As independent noise
-alone, it made a held motor's stiffness 40 % wrong at a standard deviation of 25 %.
+shows its stiffness only to F over the amplitude of the deflection. Nor does the noise: the equations within the memory
+contain no more than n - 1 independent ones. As independent noise, it gave 40 % errors an sd of 25 %.
 
 Effort convention: the effort in a sample stamped t_n is the torque that acted over the interval ENDING at t_n,
 (t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is constant over exactly such
@@ -92,8 +91,7 @@ WORN[U.damping : U.long + 1] = 1.0
 ABSENT = nested.odds_of(len(EFFECTS))
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative,
-# factor of the covariance, less 1: of `interacting_models.returning` and of `passive.restrict`; windows in which
-# the motor stuck, within the memory.
+# factor of the covariance, less 1 (`interacting_models.returning`, `passive.restrict`), windows in which it stuck.
 KEPT = slots("moved", "moving", "wider", "stuck", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
 
@@ -280,8 +278,8 @@ def _learn(
     any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
     furthest = max(-kept[VISITED.low], kept[VISITED.high], abs(middle))
     row[U.stuck] *= sqrt(any_friction) / furthest if furthest > 0.0 else 0.0
-    elapsed = times[length // 2] - equation[interacting_models.HEAD.time]
-    kept[KEPT.stuck] = kept[KEPT.stuck] * exp(-max(elapsed, 0.0) / par[P.memory]) + unknown
+    elapsed = max(times[length // 2] - equation[interacting_models.HEAD.time], 0.0)
+    kept[KEPT.stuck] = kept[KEPT.stuck] * exp(-elapsed / par[P.memory]) + unknown
     returning = max(kept[KEPT.stuck] / (n - 1.0), 1.0)
     beside = par[P.position_noise] ** 2 * angles + returning * unknown**2 * any_friction
     for j in range(n):

@@ -140,7 +140,7 @@ class _Source:
         return _Stamps(seconds[rows], rows, begin, repeated, backward)
 
     def signals(self, stamps: _Stamps, table: str, columns: Mapping[Channel, WireColumn]) -> Signals:
-        """The channels of a table at its stamps; commands are held."""
+        """The channels of a table, each at its stamps; a command stays until the next one."""
         frame, channels = self.tables[table].iloc[stamps.rows], dict[str, Array]()
         for (name, number), entry in columns.items():
             try:
