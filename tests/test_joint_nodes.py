@@ -76,6 +76,11 @@ class JointBench:
         assert answer.result().success
 
     @property
+    def answers(self):
+        """First torques to each stamp [ns]; zero ones with a stamp that has an answer come after 20 ms of silence."""
+        return {stamp: torque for stamp, _, torque in reversed(self.commands)}
+
+    @property
     def joint(self):
         """(N, 3, 1 + m) positions, velocities and efforts."""
         return np.array(self.samples)
@@ -212,7 +217,7 @@ def test_an_excited_joint_passes_all_its_states_with_the_torques_of_its_controll
     active = np.flatnonzero(activities == ControlState.ACTIVE)
     assert np.array_equal(active, np.arange(active[0], active[-1] + 1)) and len(active) > 100
     controller = ExcitationParameters().build().supervisor.controller.controller
-    answers = {stamp: torque for stamp, _, torque in reversed(bench.commands)}  # the first to each stamp
+    answers = bench.answers
     state = controller.init()
     first = min(answers)
     for tick in active:

@@ -105,7 +105,8 @@ def test_limits_hold_whatever_is_commanded(graph):
 
 def test_torque_ends_when_the_controller_manager_is_silent(graph):
     bench = ControlledBench(graph, lambda _, tick: [1.0, -1.0] if tick < 200 else None, 0.4)
-    age, torques = bench.quantity("age"), np.array([motor for _, _, motor in bench.commands])
+    answers = bench.answers
+    age, torques = bench.quantity("age"), np.array([answers[stamp] for stamp in sorted(answers)])
     silent = ~(age <= 0.02 + 1e-9)  # NaN before the first command
     assert not torques[silent].any()
     assert silent[-100:].all() and not silent[100:200].all()

@@ -232,12 +232,14 @@ def profiles(text: str) -> dict[str, Permissions]:
 
 
 @pytest.fixture
-def context(domain: int) -> Iterator[Any]:
-    own = rclpy.Context()
-    rclpy.init(args=[], context=own, domain_id=domain)
-    yield own
-    own.try_shutdown()
-    gc.collect()  # lifecycle nodes lie in cycles of references, and would stay in the graph of later tests
+def context() -> Iterator[Any]:
+    """In a domain of its own: lifecycle nodes of a test that failed stay in the graph as long as its error."""
+    with reserved_domain() as domain:
+        own = rclpy.Context()
+        rclpy.init(args=[], context=own, domain_id=domain)
+        yield own
+        own.try_shutdown()
+        gc.collect()  # lifecycle nodes lie in cycles of references, and would stay in the graph of later tests
 
 
 def test_the_shipped_policy_is_what_the_nodes_have_in_the_graph(context):

@@ -9,11 +9,12 @@ from via_core.status import Status
 from via_estimators.modulated_torque import ModulatedTorque
 
 STIFFNESS, INERTIA, DAMPING, HELD = 10.0, 0.02, 0.3, 100.0  # [N m/rad], [kg m^2], [N m s/rad], gain [N m/rad]
+SWING = 0.2  # [rad] of the link
 STEP, PERIOD, SUBSTEPS = 2.0 * np.pi / 2**16, 1e-3, 10
 
 
 def held(friction: float, count: int = 20000) -> np.ndarray:
-    """Samples (count, 4) of a motor that a position loop holds, while others move the link by .2 rad.
+    """Samples (count, 4) of a motor that a position loop holds, while others move the link by SWING.
 
     friction  [N m] of the motor; the torque of its spring reaches 2 N m
     """
@@ -54,3 +55,4 @@ def test_the_stiffness_behind_a_held_motor_is_within_its_interval(friction: floa
     later = (rows[:, 0] > 2.0) & (estimates.status == Status.OK)
     assert later.any()
     assert np.mean(np.abs(value - STIFFNESS)[later] <= 1.96 * sd[later]) >= 0.9
+    assert np.median(sd[later]) < 0.05 * STIFFNESS + 2.0 * friction / SWING

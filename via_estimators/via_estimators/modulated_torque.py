@@ -50,7 +50,7 @@ Where a motor sticks (u = 1; it is 0 where the motor moves), dry friction has an
 in part what holds the motor against the spring: proportional to the deflection, y = phi over the largest one visited,
 with an unknown x of about 1. That part returns with the motion and does not average out, so a motor that always sticks
 shows its stiffness only to F over the amplitude of the deflection. Nor does the noise: the equations within the memory
-contain no more than n - 1 independent ones. As independent noise, it gave 40 % errors an sd of 25 %.
+contain no more than n - 1 independent ones. Taken for independent, it left errors of 40 % with an sd of 25 %.
 
 Effort convention: the effort in a sample stamped t_n is the torque that acted over the interval ENDING at t_n,
 (t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is constant over exactly such
@@ -91,7 +91,7 @@ WORN[U.damping : U.long + 1] = 1.0
 ABSENT = nested.odds_of(len(EFFECTS))
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative,
-# factor of the covariance, less 1 (`interacting_models.returning`, `passive.restrict`), windows in which it stuck.
+# factor of the covariance, less 1 (`interacting_models.returning`, `passive.restrict`), windows that stuck.
 KEPT = slots("moved", "moving", "wider", "stuck", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
 

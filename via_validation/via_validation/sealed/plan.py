@@ -71,9 +71,9 @@ def block_of(block: int) -> list[Plan]:
     """The BLOCK plans of a block, in order of their kinds."""
     names, unmodelled = list(CATALOGUE), list(UNMODELLED)
     plans = [Plan("single", FULL, name) for name in names]
-    plans += [
-        Plan("single", LIMITED[(block // 2 + k) % len(LIMITED)], name) for k, name in enumerate(names[block % 2 :: 2])
-    ]
+    # Every second name, from another one in each block, so that an odd number of names also takes turns.
+    halves = [names[(block + 2 * k) % len(names)] for k in range(len(names) // 2)]
+    plans += [Plan("single", LIMITED[(block + k) % len(LIMITED)], name) for k, name in enumerate(halves)]
     plans += [
         Plan("single", FULL, OF_BOTH[(block * BOTH_ALIKE + k) % len(OF_BOTH)], both=True) for k in range(BOTH_ALIKE)
     ]
