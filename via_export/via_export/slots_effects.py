@@ -214,6 +214,11 @@ EFFECT_ROWS = (
         others="- small commands act; apply it to the command",
     ),
     row(
+        "dead_zone",
+        isaaclab="- commands act in full; a custom actuator class can subtract it",
+        others="- commands act in full; subtract it from the command",
+    ),
+    row(
         "position_gain",
         mjcf="= kp of the actuator", urdf="- gains belong to the controller", sdf="= JointPositionController p_gain",
         isaaclab="= stiffness", bam="- the gain of the firmware belongs to the actuator class",

@@ -104,6 +104,7 @@ SIZES = {
     "torque_ripple": {"amplitude": 0.1, "order": 7.0, "phase": 0.5},
     "torque_saturation": {"limit": 0.8},
     "torque_deadband": {"threshold": 0.25},
+    "dead_zone": {"width": 0.1},
     "position_deadband": {"width": 0.1},
     "position_gain": {"gain": 0.8},
     "integral_action": {"rate": 3.0, "start": 0.2},

@@ -1,4 +1,4 @@
-"""A drive with a deadband: closed form of a rigid joint, and no influence on large commands."""
+"""A drive with a deadband, which passes large commands in full, and one with a dead zone: closed forms."""
 
 import numpy as np
 import pytest
@@ -12,19 +12,22 @@ from via_sim.simulate import simulate
 RATE, THRESHOLD = 1000.0, 0.2
 
 
-def moved(torque: float) -> float:
+DEADBAND, DEAD_ZONE = ("torque_deadband", "threshold"), ("dead_zone", "width")
+
+
+def moved(torque: float, effect: tuple[str, str] = DEADBAND) -> float:
     """Velocity [rad/s] of a rigid link of 0.02 kg m^2 after 0.1 s under a constant torque [N m]."""
-    plant = JointPlant.from_device(rigid()).with_effects(
-        [Effect("torque_deadband", "motor", {"threshold": THRESHOLD}, 1)]
-    )
+    name, size = effect
+    plant = JointPlant.from_device(rigid()).with_effects([Effect(name, "motor", {size: THRESHOLD}, 1)])
     time = np.arange(100) / RATE
     sent = Signals(time, {"external_torque": np.full(100, torque)}, {"external_torque": "N m"}, frozenset())
     return float(simulate(plant, sent, 0.1, RATE).truth["q_velocity"][-1])
 
 
+@pytest.mark.parametrize("effect", [DEADBAND, DEAD_ZONE])
 @pytest.mark.parametrize("torque", [0.1, -0.199, 0.0])
-def test_a_small_command_moves_nothing(torque):
-    assert moved(torque) == 0.0
+def test_a_small_command_moves_nothing(torque, effect):
+    assert moved(torque, effect) == 0.0
 
 
 @pytest.mark.parametrize("torque", [0.2, -0.5])
@@ -32,8 +35,16 @@ def test_a_large_command_acts_in_full(torque):
     assert moved(torque) == pytest.approx(torque * 0.1 / 0.02, rel=1e-12)
 
 
-def test_only_drives_with_a_commanded_torque_have_a_deadband():
-    assert places("torque_deadband", flexible()) == (("motor", 1),)
-    assert places("torque_deadband", serial_servo()) == places("torque_deadband", positioned()) == ()
+@pytest.mark.parametrize("torque", [0.3, -0.5])
+def test_from_a_large_command_the_dead_zone_is_missing(torque):
+    passed = torque - np.sign(torque) * THRESHOLD
+    assert moved(torque, DEAD_ZONE) == pytest.approx(passed * 0.1 / 0.02, rel=1e-12)
+
+
+@pytest.mark.parametrize("effect", [DEADBAND, DEAD_ZONE])
+def test_only_drives_with_a_commanded_torque_have_one(effect):
+    name, size = effect
+    assert places(name, flexible()) == (("motor", 1),)
+    assert places(name, serial_servo()) == places(name, positioned()) == ()
     with pytest.raises(ParameterError, match="has a position drive"):
-        JointPlant.from_device(positioned()).with_effects([Effect("torque_deadband", "motor", {"threshold": 0.1}, 1)])
+        JointPlant.from_device(positioned()).with_effects([Effect(name, "motor", {size: 0.1}, 1)])

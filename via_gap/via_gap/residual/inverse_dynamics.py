@@ -42,6 +42,7 @@ TAKING = np.r_[  # slots of effects that can reduce the torque of a drive
     P.torque_gain : P.torque_gain + 3,
     P.saturation : P.saturation + 3,
     P.torque_deadband : P.torque_deadband + 3,
+    P.dead_zone : P.dead_zone + 3,
     P.position_deadband : P.position_deadband + 3,
     P.load_friction : P.load_velocity,
     P.lag,

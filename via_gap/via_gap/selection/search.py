@@ -20,7 +20,7 @@ import numpy as np
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, Budget, Fit, Members, fit_on, member_slopes, members_of, refine
-from via_gap.candidates.gear_friction import with_gear_terms
+from via_gap.candidates.further_terms import with_further_terms
 from via_gap.candidates.location import Location
 from via_gap.candidates.periodic import with_harmonics
 from via_gap.candidates.scales import Scales
@@ -236,7 +236,7 @@ class Search:
             done = [refine(self.whole, fit, members_of(fit), self.scales, FINISHING) for fit in near]
             found = [fit for fit in done if fit is not None]
         more = with_harmonics(self.whole, found, self.candidates.equations, self.scales)
-        return found + more + with_gear_terms(self.whole, found, self.scales)
+        return found + more + with_further_terms(self.whole, found, self.scales)
 
 
 def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Members]]:

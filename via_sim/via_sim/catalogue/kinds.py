@@ -82,6 +82,8 @@ class EffectKind:
     terms          compiled parts of the equations of motion that the kernels are composed from
     write          checks the values and writes those that have no slot of their own
     starts         initial values of fits; None: a tenth of the typical sizes
+    further        sets of optional parameters with which a good fit is repeated, and their initial values: of the
+                   fitted values, and of typical speed [rad/s] and torque [N m] of the axis
     forms          combinations of parameters that a report states
     """
 
@@ -96,6 +98,7 @@ class EffectKind:
     terms: tuple[Term, ...] = ()
     write: Callable[[Spot, Values], None] | None = None
     starts: Starts | None = None
+    further: Callable[[Values, float, float], Sequence[Values]] | None = None
     forms: tuple[Form, ...] = ()
     contains: tuple[str, tuple[int, ...]] | None = None  # simpler effect; parameters whose mean is its initial value
     channel: str = ""  # command channel without which the effect cannot be evaluated

@@ -345,6 +345,7 @@ _SATURATION = single(
     "limit", "limit", lambda k, value: at_motor(k, value, inf), lambda scene, k, size: (1.0 - size) * scene.highest[k]
 )
 _DEADBAND = single("deadband", "threshold", at_motor, lambda scene, k, size: size * scene.torque[k])
+_DEAD_ZONE = single("dead_zone", "width", at_motor, lambda scene, k, size: size * scene.torque[k])
 _LAG = single("lag", "time_constant", whole, lambda _scene, _number, size: size)
 _DELAY = single("delay", "delay", whole, lambda _scene, _number, size: max(round(size / TICK), 1) * TICK)
 _OFFSET = single("offset", "offset", at_axis, lambda _scene, _axis, size: size)
@@ -376,6 +377,7 @@ CATALOGUE: Mapping[str, Entry] = MappingProxyType(
             Entry("torque_ripple", drives, 0.01, 0.8, _order, _ripple),
             Entry("torque_saturation", drives, 0.1, 0.85, no_shape, _SATURATION),
             Entry("torque_deadband", drives, 0.02, 1.0, no_shape, _DEADBAND),
+            Entry("dead_zone", drives, 0.01, 0.6, no_shape, _DEAD_ZONE),
             Entry("actuator_lag", at_site("command", "torque"), 0.5e-3, 0.04, no_shape, _LAG),
             Entry("actuator_delay", at_site("command"), 1e-3, 0.04, no_shape, _DELAY),
             Entry("encoder_offset", _encoders, 1e-4, 0.2, signed, _OFFSET),

@@ -34,7 +34,7 @@ SIZES = {
     "uneven": 3, "uneven_viscous": 3, "load_friction": 3, "texture": 3, "texture_order": 3, "warm_friction": 3,
     "warming_energy": 3, "bristle": 3, "bristle_length": 3, "kind": 2, "native": 2, "spring": 12, "gap": 2, "rest": 2,
     "hardening": 2, "drift": 2, "soften": 2, "relaxing": 2, "relaxation": 2, "ripple": 2 * HARMONICS,
-    "ripple_order": 2 * HARMONICS, "ripple_phase": 2 * HARMONICS, "deadband": 2, "gear": 2 * HARMONICS,
+    "ripple_order": 2 * HARMONICS, "ripple_phase": 2 * HARMONICS, "deadband": 2, "dead_zone": 2, "gear": 2 * HARMONICS,
     "gear_order": 2 * HARMONICS, "gear_phase": 2 * HARMONICS, "sag": 2, "preset_shift": 1, "damping_delay": 1,
     "offset": 3, "eccentricity": 3 * HARMONICS, "eccentric_order": 3 * HARMONICS, "eccentric_phase": 3 * HARMONICS,
     "quantum": 3, "limit": 2, "proportional": 2, "derivative": 2, "integral": 2, "smoothing": 1,
@@ -253,6 +253,7 @@ def run(
             q = qpos[0] + 0.5 * h * qvel[0]
             for i in range(drives):
                 ctrl[i] = command[i] if abs(command[i]) >= p[R.deadband + i] else 0.0
+                ctrl[i] = copysign(max(abs(ctrl[i]) - p[R.dead_zone + i], 0.0), ctrl[i])
                 if p[R.positioned] != 0.0:
                     if acted == now:
                         led = p[R.lead] * (command[0] - sent) / (substeps * h) if isfinite(sent) else 0.0

@@ -72,6 +72,7 @@ class Physics:
     ripple_order: Terms = (0.0,) * 2 * HARMONICS  # [1/rev]
     ripple_phase: Terms = (0.0,) * 2 * HARMONICS  # [rad]
     deadband: Two = NO_MOTOR  # [N m] command below which the drive gives no torque
+    dead_zone: Two = NO_MOTOR  # [N m] that is missing from every command
     gear: Terms = (0.0,) * 2 * HARMONICS  # [rad] per motor: angle behind the gear less that of the motor
     gear_order: Terms = (1.0,) * 2 * HARMONICS  # [1/rev]
     gear_phase: Terms = (0.0,) * 2 * HARMONICS  # [rad]

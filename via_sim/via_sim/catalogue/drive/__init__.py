@@ -3,6 +3,7 @@
 from via_sim.catalogue.drive import (
     actuator_delay,
     actuator_lag,
+    dead_zone,
     integral_action,
     position_deadband,
     position_gain,
@@ -26,6 +27,7 @@ KINDS = tuple(
         torque_ripple,
         torque_saturation,
         torque_deadband,
+        dead_zone,
         actuator_lag,
         actuator_delay,
         speed_limit,

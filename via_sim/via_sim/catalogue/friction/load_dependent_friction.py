@@ -6,11 +6,22 @@ from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot, Spot, Val
 from via_sim.catalogue.starts import grid
 
 _FURTHER = ("counter_coefficient", "stribeck", "counter_stribeck", "quadratic")
+_SHARE = 0.3  # initial value of each further term over the coefficient of the load, and of its velocity over the speed
 
 
 def _write(spot: Spot, value: Values) -> None:
     if any(value.get(name, 0.0) != 0.0 for name in _FURTHER):
         spot["both_sides"] = 1.0
+
+
+def _further(fitted: Values, speed: float, torque: float) -> list[Values]:
+    """Terms of the models M3, M5 and M6 in joint/friction.py; a short log rarely determines all of them together."""
+    share, velocity = _SHARE * fitted["coefficient"], _SHARE * speed
+    return [
+        {"counter_coefficient": share},
+        {"velocity": velocity, "quadratic": share / torque},
+        {"counter_coefficient": share, "stribeck": share, "counter_stribeck": share, "velocity": velocity},
+    ]
 
 
 KIND = EffectKind(
@@ -57,4 +68,5 @@ KIND = EffectKind(
     ),
     write=_write,
     starts=grid("coefficient", *_FURTHER, at=lambda _here: [{"coefficient": 0.05}]),
+    further=_further,
 )  # fmt: skip

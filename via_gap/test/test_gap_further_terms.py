@@ -11,7 +11,7 @@ from gap_models import COULOMB, fit_of
 from via_core.devices import load_device
 from via_core.signals import Signals
 from via_gap.candidates.fit import FINISHING, Fit, refine
-from via_gap.candidates.gear_friction import NAME, with_gear_terms
+from via_gap.candidates.further_terms import with_further_terms
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.logs.log import JointLog
@@ -22,6 +22,7 @@ from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate
 
+NAME = "load_dependent_friction"
 LOADED = Location(NAME, "link", 0)
 PLANTED = {"coefficient": 0.25, "velocity": 0.3, "quadratic": 2.0}
 
@@ -47,7 +48,7 @@ def sticking(planted: tuple[tuple[str, float], ...]) -> tuple[ResidualModel, Sca
 
 def test_planted_terms_of_a_gear_are_found():
     model, scales, simple = sticking(tuple(PLANTED.items()))
-    best = min(with_gear_terms(model, [simple], scales), key=lambda each: each.loss)
+    best = min(with_further_terms(model, [simple], scales), key=lambda each: each.loss)
     assert np.mean(model.per_segment(simple.residual)) > 10.0
     assert np.mean(model.per_segment(best.residual)) < 2.0
     found = best.effects[0].parameters
@@ -58,22 +59,24 @@ def test_terms_are_not_added_far_from_the_best_fit():
     """Nothing is fitted if another cause explains the log far better, or if there is no fit."""
     model, scales, simple = sticking((("coefficient", 0.25),))
     other = fit_of([COULOMB])  # loss 0
-    assert with_gear_terms(model, [simple, other], scales) == [] and with_gear_terms(model, [], scales) == []
+    assert with_further_terms(model, [simple, other], scales) == [] and with_further_terms(model, [], scales) == []
 
 
 def test_rivals_get_the_same_terms():
     """With more terms in the leader alone, it would win by them and not by its cause."""
     model, scales, simple = sticking(tuple(PLANTED.items()))
     rival = replace(simple, loss=1.2 * simple.loss)
-    found = with_gear_terms(model, [simple, rival], scales)
+    found = with_further_terms(model, [simple, rival], scales)
     assert [tuple(each.effects[0].parameters) for each in found[: len(found) // 2]] == [
         tuple(each.effects[0].parameters) for each in found[len(found) // 2 :]
     ]
-    assert len(found) == 2 * len(with_gear_terms(model, [simple, replace(simple, loss=3.0 * simple.loss)], scales)) > 0
+    assert (
+        len(found) == 2 * len(with_further_terms(model, [simple, replace(simple, loss=3.0 * simple.loss)], scales)) > 0
+    )
 
 
 def test_without_further_terms_they_explain_no_more():
     model, scales, simple = sticking((("coefficient", 0.25),))
-    for each in with_gear_terms(model, [simple], scales):
+    for each in with_further_terms(model, [simple], scales):
         assert each.loss > 0.95 * simple.loss
         assert each.effects[0].parameters["coefficient"] == pytest.approx(0.25, abs=0.03)

@@ -1,0 +1,43 @@
+"""The best fits, repeated with the further terms that some effects have (`EffectKind.further`).
+
+Friction of a gear also depends on the torque from its other side, and is larger near standstill. A joint that rests
+under a load shows these terms; without them the simulated joint creeps. Terms are tried in every fit that may be the
+answer: with more terms in one of two rivals, it would win by them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from via_gap.candidates.fit import FINISHING, Fit, members_of, refine
+from via_gap.candidates.scales import Scales
+from via_gap.residual.residual_model import ResidualModel
+
+MOST = 4  # fits
+CLOSE = 2.0  # times the best loss: fits beyond it rarely become the best by these terms
+
+
+def with_further_terms(whole: ResidualModel, fits: Sequence[Fit], scales: Scales) -> list[Fit]:
+    """The best of `fits`, each with every set of further terms of one of its effects."""
+    order = sorted(fits, key=lambda each: each.loss)
+    near = [each for each in order[:MOST] if each.loss < CLOSE * order[0].loss]
+    places = [(fit, number) for fit in near for number in range(len(fit.effects))]
+    return [found for fit, number in places for found in _repeated(whole, fit, number, scales)]
+
+
+def _repeated(whole: ResidualModel, fit: Fit, number: int, scales: Scales) -> list[Fit]:
+    """The fit with each set of further terms of an effect."""
+    location, effect = fit.locations[number], fit.effects[number]
+    if location.kind.further is None:
+        return []
+    speed, torque = float(scales.speed[location.axis]), float(scales.torque[location.axis])
+    found = []
+    for further in location.kind.further(effect.parameters, speed, torque):
+        members = members_of(fit)
+        richer = replace(location, optional=tuple(further))
+        values = {**effect.parameters, **further}
+        members[number] = (richer, [values[p.name] for p in richer.parameters])
+        again = refine(whole, fit, members, scales, FINISHING)
+        found += [again] if again is not None else []
+    return found
