@@ -1,8 +1,9 @@
 """Segments simulated from their measured states, and the whitened error of the simulation.
 
-Between two segments, angles and velocities of the measured axes are reset, and so are the torques of bristles and
-slipping springs (memory.py). The rest of the state (delayed commands, lags) continues. The states of motors without an
-encoder are simulated along the measured motion from the beginning of the log (unseen.py).
+At the start of a segment, angles and velocities of the measured axes are reset, and so are the torques of bristles and
+slipping springs (memory.py). Only the lag of a drive continues from the segment before: neighbouring segments of a row
+with a lag are one run, segments of other rows are runs of their own. The states of motors without an encoder are
+simulated along the measured motion from the beginning of the log (unseen.py).
 The start of a segment has the uncertainty of the sensors. To first order, a wrong start adds correlated noise to the
 segment. All errors are whitened by its covariance,
 
@@ -22,15 +23,23 @@ from functools import cached_property
 from math import ceil
 
 import numpy as np
-from via_core.signals import Array, Indices
+from via_core.signals import Array, Indices, Mask
 from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 
 from via_gap.residual.command_gaps import gap_pulses
-from via_gap.residual.legs import Leg, Runs, divided, simulate
+from via_gap.residual.legs import Leg, Runs, divided, runs_of, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
-from via_gap.residual.memory import HELD, goals_along, integrals_along, torques_along, with_late_goal, write_history
+from via_gap.residual.memory import (
+    HELD,
+    goals_along,
+    integrals_along,
+    torques_along,
+    with_drive_memory,
+    with_late_goal,
+    write_history,
+)
 from via_gap.residual.segments import START, Segments, binned
 from via_gap.residual.torque_noise import noise_pulses
 from via_gap.residual.true_starts import correct
@@ -52,6 +61,7 @@ class _Inputs:
     integral  (K, C) [rad] integrals of a position drive at the starts; None: there is none
     states    (K, C, S) whole states at the starts, where a motor has no encoder
     offset    (6,) added to every start
+    lasting   (K,) whether the state of a row continues from segment to segment
     """
 
     rows: Array
@@ -60,6 +70,7 @@ class _Inputs:
     integral: Array | None
     states: Array | None
     offset: Array | None
+    lasting: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +158,8 @@ class Rollout:
         offset    (6,) is added to every start
         commands  (K, T, N_COMMANDS) of each row, instead of the log's
 
-        Each chain of neighbouring segments with each row is a run; runs of similar length are simulated in lockstep.
+        Each segment with each row is a run, or each chain of neighbours if the state of the row continues; runs of
+        similar length are simulated in lockstep.
         """
         out, runs = self._prepared(rows, offset, commands)
         simulate(runs)
@@ -155,12 +167,9 @@ class Rollout:
 
     def _prepared(self, rows: Array, offset: Array | None, commands: Array | None) -> tuple[Array, list[Runs]]:
         """Memory for the angles of `motion`, and the runs that write it."""
-        chains = self._chains()
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
-        runs = np.stack(np.meshgrid(np.arange(len(rows)), np.arange(len(chains)), indexing="ij"), axis=-1).reshape(
-            -1, 2
-        )
-        runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
+        lasting = with_drive_memory(rows) & self._all_seen
+        chains, runs = runs_of(self.chosen, lasting)
         memory = integral = states = None
         sent = self.segments.commands[None] if commands is None else commands
         if self._all_seen:
@@ -168,18 +177,9 @@ class Rollout:
             integral = integrals_along(rows, sent, self.segments.start[:, 0], self.segments.begin[self.chosen])
         else:
             states = self._states_of_unseen(rows, commands)
-        inputs = _Inputs(rows, sent, memory, integral, states, offset)
+        inputs = _Inputs(rows, sent, memory, integral, states, offset, lasting)
         kind = tuple(map(float, self.segments.nominal[[P.tick, P.substeps]]))
         return out, [Runs(self._legs(inputs, chains, piece, out), len(piece), kind) for piece in divided(runs)]
-
-    def _chains(self) -> Indices:
-        """(n, 2): index into `chosen` of the first segment of each chain of neighbours, and their number.
-
-        In a chain, the state continues from segment to segment. If a motor was not measured, each segment is a chain,
-        because its whole state is known.
-        """
-        first = np.flatnonzero(np.concatenate(([True], (np.diff(self.chosen) != 1) | (not self._all_seen))))
-        return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
 
     def starts(self, row: Array) -> Starts:
         """Where each segment begins with a row (N_PARAMETERS,)."""
@@ -189,7 +189,7 @@ class Rollout:
             return Starts(begin, self._states_of_unseen(row[None], None)[0], motion, None)
         ticks = np.maximum(begin - min(round(LEAD * segments.rate), segments.ticks), 0)
         states = self._initial(ticks, segments.commands, np.zeros(len(ticks), dtype=np.intp))
-        inputs = _Inputs(row[None], segments.commands[None], None, None, None, None)
+        inputs = _Inputs(row[None], segments.commands[None], None, None, None, None, np.ones(1, dtype=np.bool_))
         self._late_goals(inputs, np.zeros((len(ticks), 2), dtype=np.intp), ticks, states)
         return Starts(ticks, states, motion, torques_along(row[None], segments.start[:, :3], begin)[0])
 
@@ -245,13 +245,14 @@ class Rollout:
         rows, drive = inputs.rows, inputs.commands
         segments, known = self.segments, self._known
         first, count = chains[runs[:, 1]].T
-        warm = np.maximum(segments.begin[self.chosen[first]] - self.lead, 0)
+        begin, lasting = segments.begin[self.chosen[first]], inputs.lasting[runs[:, 0]]
+        warm = np.where(lasting, np.maximum(begin - self.lead, 0), begin)
         sent = drive.reshape(-1, drive.shape[2])
         under = runs[:, 0] % len(drive) * drive.shape[1]  # row of `sent` at which the commands of each run begin
         if inputs.states is None:
             states = self._initial(warm, sent, under)
             self._late_goals(inputs, runs, warm, states)
-            ahead = np.flatnonzero(self.chosen[first] > 0)
+            ahead = np.flatnonzero(lasting & (self.chosen[first] > 0))
             if ahead.size:
                 begun = Leg(rows[runs[ahead, 0]], states[ahead], sent, under[ahead] + warm[ahead], self.lead)
                 yield begun
