@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from via_gap.candidates.fit import FINISHING, Fit, members_of, refine
+from via_gap.candidates.fit import Fit, members_of
+from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
 
