@@ -60,7 +60,7 @@ class _Inputs:
     memory    (K, C, HELD) torques of elements with memory at the starts, unless `states` contain them
     integral  (K, C) [rad] integrals of a position drive at the starts; None: there is none
     states    (K, C, S) whole states at the starts, where a motor has no encoder
-    offset    (6,) added to every start
+    offset    (C, 6) added to the starts
     lasting   (K,) whether the state of a row continues from segment to segment
     """
 
@@ -124,8 +124,10 @@ class Rollout:
         row, steps = row.copy(), self._start_steps()
         row[[P.tick, P.substeps]] = self.segments.nominal[[P.tick, P.substeps]]
 
+        measured = replace(self, shift=np.zeros_like(self.shift))  # one object: states of unseen motors are found once
+
         def errors(amounts: Array) -> Array:
-            return self._errors(replace(self, shift=amounts @ steps).motion(row[None]))[0]
+            return measured._errors(measured.motion(row[None], amounts @ steps))[0]
 
         amounts, slopes = likely_starts(errors, len(self.chosen), len(steps))
         moved = replace(self, shift=amounts @ steps)._whitened(row, STEP)
@@ -155,7 +157,7 @@ class Rollout:
     def motion(self, rows: Array, offset: Array | None = None, commands: Array | None = None) -> Array:
         """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS).
 
-        offset    (6,) is added to every start
+        offset    (6,) is added to every start, or (C, 6) to that of each segment
         commands  (K, T, N_COMMANDS) of each row, instead of the log's
 
         Each segment with each row is a run, or each chain of neighbours if the state of the row continues; runs of
@@ -177,7 +179,8 @@ class Rollout:
             integral = integrals_along(rows, sent, self.segments.start[:, 0], self.segments.begin[self.chosen])
         else:
             states = self._states_of_unseen(rows, commands)
-        inputs = _Inputs(rows, sent, memory, integral, states, offset, lasting)
+        aside = None if offset is None else np.broadcast_to(offset, (len(self.chosen), 6))
+        inputs = _Inputs(rows, sent, memory, integral, states, aside, lasting)
         kind = tuple(map(float, self.segments.nominal[[P.tick, P.substeps]]))
         return out, [Runs(self._legs(inputs, chains, piece, out), len(piece), kind) for piece in divided(runs)]
 
@@ -270,7 +273,7 @@ class Rollout:
                 state[:, X.bristle : X.bristle + HELD] = inputs.memory[runs[:left, 0], here]
             state[:, :6] += self.shift[here]
             if inputs.offset is not None:
-                state[:, :6] += inputs.offset
+                state[:, :6] += inputs.offset[here]
             write_history(run, begin, state, segments.rate, known, self._starts)
             leg = Leg(run, state, sent, under[:left] + begin, segments.ticks, last=j + 1 == count.max())
             yield leg
