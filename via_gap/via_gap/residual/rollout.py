@@ -40,9 +40,10 @@ from via_gap.residual.memory import (
     with_late_goal,
     write_history,
 )
+from via_gap.residual.reduced import motion_in_bins, without_parts
 from via_gap.residual.segments import START, Segments, binned
 from via_gap.residual.torque_noise import noise_pulses
-from via_gap.residual.true_starts import correct
+from via_gap.residual.true_starts import Starts, correct
 from via_gap.residual.unseen import UnseenMotors
 
 HUGE = 1e6  # in place of an overflow
@@ -59,7 +60,7 @@ class _Inputs:
     commands  (1 or K, T, N_COMMANDS) of all rows, or of each
     memory    (K, C, HELD) torques of elements with memory at the starts, unless `states` contain them
     integral  (K, C) [rad] integrals of a position drive at the starts; None: there is none
-    states    (K, C, S) whole states at the starts, where a motor has no encoder
+    states    (1 or K, C, S) states at the starts; None: they continue, or commands are not those of the log
     offset    (C, 6) added to the starts
     lasting   (K,) whether the state of a row continues from segment to segment
     """
@@ -71,22 +72,6 @@ class _Inputs:
     states: Array | None
     offset: Array | None
     lasting: Mask
-
-
-@dataclass(frozen=True, eq=False)
-class Starts:
-    """Where the simulation of each of C segments begins, for other simulators.
-
-    ticks   (C,) at which it begins: some time before the segment if every motor has an encoder, else with it
-    states  (C, S) state rows at these ticks
-    motion  (C, 6) angles and velocities at the beginning of the segment, valid for the measured axes
-    held    (C, HELD) torques of elements with memory there; None: they are simulated
-    """
-
-    ticks: Indices
-    states: Array
-    motion: Array
-    held: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +162,7 @@ class Rollout:
         if self._all_seen:
             memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
             integral = integrals_along(rows, sent, self.segments.start[:, 0], self.segments.begin[self.chosen])
+            states = None if commands is not None or lasting.any() else self._begun[None]
         else:
             states = self._states_of_unseen(rows, commands)
         aside = None if offset is None else np.broadcast_to(offset, (len(self.chosen), 6))
@@ -246,7 +232,7 @@ class Rollout:
     def _legs(self, inputs: _Inputs, chains: Indices, runs: Indices, out: Array) -> Iterator[Leg]:
         """Legs of `runs` (n, 2), pairs of row and chain, longest chains first; writes angles into `out`."""
         rows, drive = inputs.rows, inputs.commands
-        segments, known = self.segments, self._known
+        segments, known, axes = self.segments, self._known, np.array(self.segments.axes)
         first, count = chains[runs[:, 1]].T
         begin, lasting = segments.begin[self.chosen[first]], inputs.lasting[runs[:, 0]]
         warm = np.where(lasting, np.maximum(begin - self.lead, 0), begin)
@@ -261,7 +247,7 @@ class Rollout:
                 yield begun
                 states[ahead] = begun.states
         else:
-            states = inputs.states[runs[:, 0], first]
+            states = inputs.states[runs[:, 0] % len(inputs.states), first]
         for j in range(int(count.max())):
             left = int(np.sum(count > j))  # shorter chains have ended
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
@@ -277,8 +263,13 @@ class Rollout:
             write_history(run, begin, state, segments.rate, known, self._starts)
             leg = Leg(run, state, sent, under[:left] + begin, segments.ticks, last=j + 1 == count.max())
             yield leg
-            angles = leg.moved[:, :, list(segments.axes)]
-            out[runs[:left, 0], here] = binned(angles, segments.every, segments.averaged)
+            out[runs[:left, 0], here] = motion_in_bins(leg.moved, axes, segments.every, segments.averaged)
+
+    @cached_property
+    def _begun(self) -> Array:
+        """(C, .) state rows at the beginning of each segment under the commands of the log, see `_initial`."""
+        ticks = self.segments.begin[self.chosen]
+        return self._initial(ticks, self.segments.commands, np.zeros(len(ticks), dtype=np.intp))
 
     def _initial(self, ticks: Indices, sent: Array, under: Indices) -> Array:
         """State rows (n, .) at ticks: measured axes, unmeasured motors at their command, queues of delayed commands."""
@@ -357,7 +348,9 @@ class Rollout:
         flat = columns.reshape(len(self.chosen), self.size, len(changes))
         basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
         kept = int(np.max(np.sum(sizes > NEGLIGIBLE, axis=1), initial=1))
-        return replace(self, basis=basis[..., :kept], shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :kept] ** 2))
+        return replace(
+            self, basis=np.ascontiguousarray(basis[..., :kept]), shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :kept] ** 2)
+        )
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), commands as in `motion`; overflow gives a huge value."""
@@ -365,7 +358,7 @@ class Rollout:
 
     def whitened(self, motion: Array) -> Array:
         """Whitened measured minus simulated (K, C, b a) of angles as compared, motion (K, C, b, a) [rad]."""
-        return self._without_starts(self._errors(motion) + self.back)
+        return without_parts(self._errors(motion) + self.back, self.basis, self.shrink)
 
     def _errors(self, motion: Array) -> Array:
         """Measured minus simulated (K, C, b a) in units of the noise; overflow gives a huge value."""
@@ -383,12 +376,7 @@ class Rollout:
         line = start[:, None, axes] + ticks[None, :, None] * start[:, None, [3 + axis for axis in axes]]
         error = segments.measured[self.chosen] - binned(line, segments.every, segments.averaged)
         scaled = error * segments.weight[self.chosen] / segments.noise
-        return self._without_starts(scaled.reshape(1, len(self.chosen), self.size))[0]
-
-    def _without_starts(self, error: Array) -> Array:
-        """Errors (K, C, b a) without the part that uncertain starts explain."""
-        along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, error)
-        return error - np.einsum("crk,Kck->Kcr", self.basis, along)
+        return without_parts(scaled.reshape(1, len(self.chosen), self.size), self.basis, self.shrink)[0]
 
 
 def residuals(rollouts: Sequence[Rollout], rows: Sequence[Array]) -> list[Array]:
