@@ -7,8 +7,9 @@ import pytest
 from gap_logs import flexible, log_of, rigid
 from test_gap_location import SCALES
 from via_core.devices import Device, load_device
-from via_gap.candidates.fit import Axes, Fit, refine
+from via_gap.candidates.fit import Axes, Fit
 from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import refine
 from via_gap.candidates.scales import scales_of
 from via_gap.candidates.starts import starts
 from via_gap.residual.nuisance import BOUND

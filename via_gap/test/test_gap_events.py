@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
-from via_gap.candidates.fit import TIME_STEPS, Axes
+from via_gap.candidates.fit import Axes
 from via_gap.candidates.location import Location, locations
+from via_gap.candidates.refinement import TIME_STEPS
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.diagnosis import diagnose
 from via_gap.residual.residual_model import ResidualModel
@@ -83,12 +84,14 @@ def test_times_are_found_as_by_a_search_with_all_segments(pushed):
     problem, scales = pushed
     members = [(Location.of(FRICTION), [0.04]), (Location.of(PUSH), [0.06, START + 0.5, STOP - 0.7])]
     axes = Axes.of(problem, members, scales)
-    begin = axes.best([axes.coordinates(np.zeros(axes.count), [value for _, values in members for value in values])])
-    found = axes.search_times(begin, TIME_STEPS)
+    first = axes.coordinates(np.zeros(axes.count), [value for _, values in members for value in values])
+    (begin,) = problem.answer([axes.best([first])])
+    (found,) = problem.answer([axes.search_times(begin, TIME_STEPS)])
     slow, along = begin, np.eye(len(begin.at))[axes.count :][axes.times]
     for step in TIME_STEPS:
         for _ in range(3):
-            best = axes.best([np.clip(slow.at + side * step * unit, *axes.box) for unit in along for side in (-1, 1)])
+            moved = [np.clip(slow.at + side * step * unit, *axes.box) for unit in along for side in (-1, 1)]
+            (best,) = problem.answer([axes.best(moved)])
             if best.loss < slow.loss:
                 slow = best
     np.testing.assert_allclose(found.at, slow.at, atol=1e-12)

@@ -10,9 +10,10 @@ import pytest
 from gap_models import COULOMB, fit_of
 from via_core.devices import load_device
 from via_core.signals import Signals
-from via_gap.candidates.fit import FINISHING, Fit, refine
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.further_terms import with_further_terms
 from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.logs.log import JointLog
 from via_gap.residual.residual_model import ResidualModel

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from gap_logs import log_of, rigid
 from via_gap.candidates.converged import converged
-from via_gap.candidates.fit import Axes, fit_device_parameters, members_of, refine
+from via_gap.candidates.fit import Axes, fit_device_parameters, members_of
 from via_gap.candidates.levers import bending, bent, straightened
 from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import refine
 from via_gap.candidates.scales import scales_of
 from via_gap.candidates.starts import combined, starts
 from via_gap.residual.residual_model import ResidualModel

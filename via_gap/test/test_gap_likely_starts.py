@@ -5,8 +5,9 @@ import pytest
 from gap_logs import log_of, rigid
 from scipy.optimize import minimize
 from via_gap.candidates.converged import converged
-from via_gap.candidates.fit import fit_device_parameters, refine
+from via_gap.candidates.fit import fit_device_parameters
 from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import refine
 from via_gap.candidates.scales import scales_of
 from via_gap.residual.inverse_dynamics import missing_torque
 from via_gap.residual.likely_starts import likely_start, likely_starts

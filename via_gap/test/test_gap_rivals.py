@@ -2,8 +2,9 @@
 
 import numpy as np
 from gap_logs import log_of, rigid
-from via_gap.candidates.fit import Fit, fit_device_parameters, refine
+from via_gap.candidates.fit import Fit, fit_device_parameters
 from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import refine
 from via_gap.candidates.scales import scales_of
 from via_gap.diagnosis import diagnose
 from via_gap.residual.residual_model import ResidualModel

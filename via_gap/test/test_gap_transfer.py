@@ -5,8 +5,9 @@ import pytest
 from gap_logs import log_of, rigid
 from via_gap.candidates.converged import converged
 from via_gap.candidates.covariance import clusters
-from via_gap.candidates.fit import Fit, members_of, refine
+from via_gap.candidates.fit import Fit, members_of
 from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.quantities import quantities
 from via_gap.residual.recordings import Recordings

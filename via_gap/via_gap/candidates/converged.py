@@ -30,13 +30,13 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     likely = problem.at_likely_starts(problem.row(fit.effects, fit.offsets))
     axes = Axes.of(likely, members_of(fit), scales, fitted=True)
     count = axes.count
-    here = axes.best([axes.coordinates(fit.offsets, fit.values)])
+    (here,) = likely.answer([axes.best([axes.coordinates(fit.offsets, fit.values)])])
     for _ in range(TURNS):
         begin, at = here, here.at
         slopes = _central_slopes(axes, at)
         normal, wanted = axes.step(here, slopes)
         for share in (1.0, 0.5, 0.25):
-            trial = axes.best([at + share * (wanted - at)])
+            (trial,) = likely.answer([axes.best([at + share * (wanted - at)])])
             if trial.loss < here.loss:
                 here = trial
                 break
@@ -61,7 +61,8 @@ def _central_slopes(axes: Axes, at: Array) -> Array:
         np.maximum(LEAST_STEP, 0.03 * np.abs(at[axes.count :])),
     )
     around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
-    ahead, behind = (axes.losses([*(at + np.diag(each - at))])[1] for each in around)
+    moved = axes.problem.answer([axes.losses([*(at + np.diag(each - at))]) for each in around])
+    ahead, behind = (residuals for _, residuals in moved)
     slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
     known = np.isfinite(slopes[0]) & np.append(~axes.held, ~(axes.times | axes.fixed))
     slopes[:, ~known] = 0.0

@@ -1,6 +1,7 @@
-"""Fit of a candidate's effects together with the device parameters, by Gauss-Newton with finite differences.
+"""A fit of effects together with the device parameters: its coordinates, derivatives and Gauss-Newton steps.
 
-Steps stay inside the bounds. A line search on the simulation accepts only points with a lower loss.
+Derivatives are finite differences. Methods that need residuals ask for them (`ResidualModel.answer`), so that several
+fits are simulated side by side; see refinement.py.
 """
 
 from __future__ import annotations
@@ -21,36 +22,12 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
 from via_gap.residual.nuisance import BOUND, descend
-from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.residual_model import Asks, ResidualModel
 
-ROUNDS = 14
 SPARSE = 6  # of so many neighbouring segments two are used for the first fit of the device parameters
 LEAST_STEP = 0.003  # of the typical size of a parameter: step of a finite difference
-SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
-DONE = 2e-3  # share of the loss: after a step that gains less, the Jacobian is renewed or the fit ends
-AGED = 0.3  # share of the loss at which the nuisance Jacobian was computed: below it, the Jacobian is renewed
-STALE = 0.9  # the same, below which a fit does not end on this Jacobian
 LONG = 10.0  # [s] a parameter in seconds with a larger range is a time of the run, not a delay
-TIME_STEPS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003, 0.0001)  # of the log's duration
-LAST_STEPS = 3  # of these, once times are nearly right
-MOST_DAMPED = 1.0  # of the curvature of each parameter: a step that is damped more and does not help is the last
 OWN = 6  # rounds for the device parameters alone
-GIVE_UP = 4.0  # times the best loss so far
-
-
-@dataclass(frozen=True)
-class Budget:
-    """Effort of one fit.
-
-    rounds  largest number of Gauss-Newton steps
-    rival   loss of the best fit so far: a fit that stays far above it is stopped early; 0: no limit
-    """
-
-    rounds: int = ROUNDS
-    rival: float = 0.0
-
-
-FINISHING = Budget(rounds=6)  # from the best fit on a subset of the segments to the best fit on all
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,19 +215,19 @@ class Axes:
         """The effects at these coordinates without invalid ones."""
         return tuple(effect for effect in self._effects(at) if effect is not None)
 
-    def losses(self, tries: Sequence[Array]) -> tuple[Array, Array]:
+    def losses(self, tries: Sequence[Array]) -> Asks[tuple[Array, Array]]:
         """(K,) losses and (K, R) residuals at K coordinates; infinite where an effect is invalid."""
         rows = [self._row(at) for at in tries]
         residuals = np.full((len(tries), self.problem.size), np.inf)
         there = [row for row in rows if row is not None]
         if there:
-            residuals[[row is not None for row in rows]] = self.problem.residual(there)
+            residuals[[row is not None for row in rows]] = yield there
         found = self.problem.loss(residuals) + np.sum(np.array(tries)[:, : self.count] ** 2, axis=1)
         return np.where(np.isfinite(residuals[:, 0]), found, np.inf), residuals
 
-    def best(self, tries: Sequence[Array]) -> Point:
+    def best(self, tries: Sequence[Array]) -> Asks[Point]:
         """The coordinates with the least loss; the first of equal ones."""
-        losses, residuals = self.losses(tries)
+        losses, residuals = yield from self.losses(tries)
         k = int(np.argmin(losses))
         return Point(tries[k], float(losses[k]), residuals[k])
 
@@ -294,15 +271,16 @@ class Axes:
         offsets = here.at[: self.count].copy()
         return Fit(self.effects(here.at), offsets, here.loss, here.residual, covariance, tolerances)
 
-    def nuisance_jacobian(self, here: Point) -> Array:
+    def nuisance_jacobian(self, here: Point) -> Asks[Array]:
         """(R, J); 0 for those that the effects contain."""
-        return self.free(self.problem.nuisance_jacobian(self.effects(here.at), here.at[: self.count], here.residual))
+        effects, offsets = self.effects(here.at), here.at[: self.count]
+        return self.free((yield from self.problem.nuisance_slopes(effects, offsets, here.residual)))
 
     def free(self, jacobian: Array) -> Array:
         """The derivatives (R, J) by the nuisances without those that the effects contain."""
         return np.where(self.held, 0.0, jacobian)
 
-    def slopes(self, here: Point) -> Array:
+    def slopes(self, here: Point) -> Asks[Array]:
         """(R, p) derivatives of the residual by the effects' parameters; not finite where a step is invalid.
 
         0 for times and fixed parameters.
@@ -311,11 +289,11 @@ class Axes:
         steps = np.maximum(LEAST_STEP, 0.03 * np.abs(values))
         steps = np.where(values + steps > self.high, -steps, steps)[moves]
         slopes = np.zeros((len(here.residual), len(values)))
-        moved = self.losses([*(here.at + np.eye(len(here.at))[self.count :][moves] * steps[:, None])])[1]
+        _, moved = yield from self.losses([*(here.at + np.eye(len(here.at))[self.count :][moves] * steps[:, None])])
         slopes[:, moves] = (moved - here.residual).T / steps
         return slopes
 
-    def search_times(self, here: Point, steps: Sequence[float]) -> Point:
+    def search_times(self, here: Point, steps: Sequence[float]) -> Asks[Point]:
         """Beginnings and ends of effects by steps of decreasing size, because no gradient leads to them.
 
         A moved time changes only the segments between its old and its new value: only these are simulated.
@@ -328,73 +306,17 @@ class Axes:
                 near, _ = self.problem.part(self.problem.touched(np.stack([moved.min(axis=0), moved.max(axis=0)])))
                 if not near.views:
                     break
-                losses, _ = replace(self, problem=near).losses(tries)
+                ((losses, _),) = near.answer([replace(self, problem=near).losses(tries)])
                 if not losses.min() < losses[0]:
                     break
                 at = tries[int(np.argmin(losses))]
-        best = self.best([at])
+        best = yield from self.best([at])
         return best if best.loss < here.loss else here
 
 
 def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:
     """(R, k) derivatives of the residual by those effect parameters of a fit on which it depends smoothly."""
     axes = Axes.of(problem, members_of(fit), scales)
-    slopes = axes.slopes(Point(axes.coordinates(fit.offsets, fit.values), fit.loss, fit.residual))
+    here = Point(axes.coordinates(fit.offsets, fit.values), fit.loss, fit.residual)
+    (slopes,) = problem.answer([axes.slopes(here)])
     return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0)]
-
-
-def refine(
-    problem: ResidualModel,
-    base: Fit,
-    members: Sequence[tuple[Location, Sequence[float]]],
-    scales: Scales,
-    budget: Budget = Budget(),
-    jacobian: Array | None = None,
-) -> Fit | None:
-    """Gauss-Newton fit of the effects `members` (with initial values) and the nuisance parameters together.
-
-    base      fit whose offsets are the initial ones
-    jacobian  (R, J) of the nuisances at `base`; None: computed here
-
-    None if the initial values are not valid together.
-    """
-    axes = Axes.of(problem, members, scales)
-    many = len(axes.size)
-    here = axes.best([axes.coordinates(base.offsets, [value for _, values in members for value in values])])
-    if not np.isfinite(here.loss):
-        return None
-    fresh, damping = jacobian is None, 0.0
-    side = axes.nuisance_jacobian(here) if jacobian is None else axes.free(jacobian)
-    normal, since = np.eye(axes.count + many), here.loss if fresh else base.loss
-    slopes, sloped = np.empty((problem.size, many)), np.inf
-    apart = np.zeros(many, dtype=bool)
-    for round_ in range(budget.rounds):
-        if axes.times.any():  # small steps in later rounds: times improve with the sizes of their effects
-            here = axes.search_times(here, TIME_STEPS if round_ < 2 else TIME_STEPS[-LAST_STEPS:])
-        if here.loss < AGED * since:
-            side, fresh, since = axes.nuisance_jacobian(here), True, here.loss
-        if here.loss < sloped:
-            slopes = axes.slopes(here)
-            apart = ~np.isfinite(slopes[0])  # no valid neighbour: a side, or a parameter at its bound
-            slopes[~np.isfinite(slopes)] = 0.0
-            sloped = here.loss
-        normal, wanted = axes.step(here, np.hstack([side, slopes]), damping)
-        tries = [here.at + share * (wanted - here.at) for share in SHARES]
-        best = axes.best(tries)
-        gain = here.loss - best.loss
-        if gain > 0.0:
-            here = best
-            damping *= 0.1
-        if best.at is not tries[0] or gain <= 0.0:
-            damping = max(10.0 * damping, 0.01)
-        if round_ >= 1 and here.loss > GIVE_UP * budget.rival > 0.0 and gain < 0.3 * here.loss:
-            break
-        if gain <= 0.0 and fresh and damping <= MOST_DAMPED:  # try a shorter step with the same derivatives
-            continue
-        if gain < DONE * here.loss:
-            if (fresh and here.loss >= STALE * since) or len(axes.effects(here.at)) < len(members):
-                break
-            side, fresh, since = axes.nuisance_jacobian(here), True, here.loss
-    covariance = axes.covariance(here, normal)
-    sd = np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low)
-    return axes.fit(here, covariance, np.where(axes.times, TIME_STEPS[-1], np.where(apart | axes.fixed, 0.0, sd)))

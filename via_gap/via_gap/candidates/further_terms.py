@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from via_gap.candidates.fit import FINISHING, Fit, members_of, refine
+from via_gap.candidates.fit import Fit, Members, members_of
+from via_gap.candidates.refinement import FINISHING, refine_all
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
 
@@ -22,22 +23,20 @@ def with_further_terms(whole: ResidualModel, fits: Sequence[Fit], scales: Scales
     """The best of `fits`, each with every set of further terms of one of its effects."""
     order = sorted(fits, key=lambda each: each.loss)
     near = [each for each in order[:MOST] if each.loss < CLOSE * order[0].loss]
-    places = [(fit, number) for fit in near for number in range(len(fit.effects))]
-    return [found for fit, number in places for found in _repeated(whole, fit, number, scales)]
+    begun = [(fit, each) for fit in near for number in range(len(fit.effects)) for each in _richer(fit, number, scales)]
+    return [fit for fit in refine_all(whole, begun, scales, FINISHING) if fit is not None]
 
 
-def _repeated(whole: ResidualModel, fit: Fit, number: int, scales: Scales) -> list[Fit]:
-    """The fit with each set of further terms of an effect."""
+def _richer(fit: Fit, number: int, scales: Scales) -> list[Members]:
+    """The effects of a fit with each set of further terms of one of them."""
     location, effect = fit.locations[number], fit.effects[number]
     if location.kind.further is None:
         return []
     speed, torque = float(scales.speed[location.axis]), float(scales.torque[location.axis])
     found = []
     for further in location.kind.further(effect.parameters, speed, torque):
-        members = members_of(fit)
-        richer = replace(location, optional=tuple(further))
+        members, more = members_of(fit), replace(location, optional=tuple(further))
         values = {**effect.parameters, **further}
-        members[number] = (richer, [values[p.name] for p in richer.parameters])
-        again = refine(whole, fit, members, scales, FINISHING)
-        found += [again] if again is not None else []
+        members[number] = (more, [values[p.name] for p in more.parameters])
+        found.append(members)
     return found

@@ -13,8 +13,9 @@ from via_sim.catalogue import EFFECTS
 from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.catalogue.sensor.encoder_eccentricity import ENCODER_HARMONICS
 
-from via_gap.candidates.fit import FINISHING, Fit, members_of, refine
+from via_gap.candidates.fit import Fit, members_of
 from via_gap.candidates.orders import Wave, encoder_waves, torque_waves
+from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
 

@@ -24,7 +24,7 @@ from via_gap.residual.residual_model import ResidualModel
 
 REACH = 12.0  # times the initial value: largest extrapolation of an effect
 LEAST = 0.02  # times the initial value: least amount from which a fit starts
-BATCH = 16  # starts that are simulated at once
+BATCH = 64  # starts that are simulated at once: those of links share the states of motors without an encoder
 
 
 @dataclass(frozen=True, eq=False)

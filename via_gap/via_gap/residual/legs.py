@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from via_core.signals import Array, Indices
+from via_core.signals import Array, Indices, Mask
 from via_sim.lockstep.pack import LANES
 from via_sim.lockstep.run import run_many
 
@@ -52,6 +52,21 @@ class Runs:
     legs: Iterator[Leg]
     count: int
     kind: tuple[float, ...]
+
+
+def runs_of(chosen: Indices, lasting: Mask) -> tuple[Indices, Indices]:
+    """Chains (n, 2) of ascending segments `chosen`, and runs (m, 2), each a row and a chain, longest chains first.
+
+    chains   index into `chosen` of the first segment, and their number: neighbours, then each segment alone
+    lasting  (K,) whether a row's state continues from segment to segment; the runs of other rows are single segments
+    """
+    every = np.arange(len(chosen))
+    first = np.flatnonzero(np.diff(chosen, prepend=chosen[:1] - 2) != 1)
+    neighbours = np.stack([first, np.diff(np.append(first, len(chosen)))], axis=1)
+    chains = np.concatenate([neighbours, np.stack([every, np.ones_like(every)], axis=1)])
+    of = (np.arange(len(first)) if each else len(first) + every for each in lasting)
+    runs = np.concatenate([np.stack([np.full(len(own), row), own], axis=1) for row, own in enumerate(of)])
+    return chains, runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
 
 
 def divided(runs: Indices) -> list[Indices]:

@@ -16,7 +16,7 @@ from functools import partial
 from math import ceil
 
 import numpy as np
-from via_core.signals import Array, Indices
+from via_core.signals import Array, Indices, Mask
 from via_sim.joint.compiled import compiled
 from via_sim.joint.layout import GOAL, HISTORY, N_MODES, POWER, X
 from via_sim.joint.measurements import stride
@@ -90,6 +90,11 @@ def with_late_goal(rows: Array) -> Array:
     slow = (rows[:, P.lag] > 0.0) | np.isfinite(rows[:, P.drive_speed_limit]) | (rows[:, P.integral_rate] > 0.0)
     slow |= rows[:, P.feedforward] != 0.0
     return np.asarray(slow & (rows[:, P.link_drive] == POSITION_DRIVE))
+
+
+def with_drive_memory(rows: Array) -> Mask:
+    """(K,) whether what a drive does depends on its earlier commands, beyond those in the queue of its dead time."""
+    return np.asarray(with_late_goal(rows), dtype=np.bool_) | np.asarray(rows[:, P.lag] > 0.0, dtype=np.bool_)
 
 
 def goals_along(rows: Array, commands: Array, measured: Array, ticks: Indices) -> Array:

@@ -5,9 +5,9 @@ values = problem.residual([problem.row(effects, offsets)])     # (K, R) whitened
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,9 @@ from via_gap.residual.rollout import Rollout, residuals
 from via_gap.residual.segments import Segments
 
 View = Rollout | InverseDynamics
+T = TypeVar("T")
+Asks = Generator[Sequence[Array], Array, T]  # yields parameter rows (K, N_PARAMETERS), is sent their residuals (K, R)
+MOST_ROWS = 64  # rows of several computations that are simulated at once: more need memory and fill no more lanes
 STEP = 0.01  # relative finite-difference step of a nuisance parameter
 
 
@@ -175,7 +178,35 @@ class ResidualModel:
         """(R,) residual of a prediction without a model, see the views."""
         return np.concatenate([view.baseline().ravel() for view in self.views])
 
+    def answer(self, asking: Sequence[Asks[T]]) -> list[T]:
+        """What computations return that ask for residuals; those of all of them are simulated side by side."""
+        found: dict[int, T] = {}
+        asked: dict[int, Sequence[Array]] = {}
+
+        def go_on(number: int, residual: Array | None) -> None:
+            try:
+                asked[number] = asking[number].send(residual)  # type: ignore[arg-type]
+            except StopIteration as end:
+                found[number] = end.value
+
+        for number in range(len(asking)):
+            go_on(number, None)
+        while asked:
+            together: dict[int, Sequence[Array]] = {}
+            while asked and (not together or sum(map(len, together.values())) < MOST_ROWS):
+                number = next(iter(asked))
+                together[number] = asked.pop(number)
+            residuals = self.residual([row for rows in together.values() for row in rows])
+            ends = np.cumsum([len(rows) for rows in together.values()])
+            for number, own in zip(together, np.split(residuals, ends[:-1]), strict=True):
+                go_on(number, own)
+        return [found[number] for number in range(len(asking))]
+
     def nuisance_jacobian(self, effects: Sequence[Effect], offsets: Array, residual: Array) -> Array:
+        """(R, J) derivatives of the residual by the offset of each nuisance, see `nuisance_slopes`."""
+        return self.answer([self.nuisance_slopes(effects, offsets, residual)])[0]
+
+    def nuisance_slopes(self, effects: Sequence[Effect], offsets: Array, residual: Array) -> Asks[Array]:
         """(R, J) derivatives of the residual by the offset of each nuisance.
 
         Steps lead towards offset 0, or away from it if an effect is invalid there; 0 if it is invalid on both sides.
@@ -188,7 +219,7 @@ class ResidualModel:
             moved += [(k, step, row) for step, row in tries if row is not None][:1]
         if moved:
             which, steps, rows = zip(*moved, strict=True)
-            slopes[list(which)] = (self.residual(rows) - residual) / np.array(steps)[:, None]
+            slopes[list(which)] = ((yield rows) - residual) / np.array(steps)[:, None]
         return slopes.T
 
     def fit_nuisances(self, effects: Sequence[Effect], offsets: Array, rounds: int = 3) -> tuple[Array, Array]:

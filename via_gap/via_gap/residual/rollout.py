@@ -1,8 +1,9 @@
 """Segments simulated from their measured states, and the whitened error of the simulation.
 
-Between two segments, angles and velocities of the measured axes are reset, and so are the torques of bristles and
-slipping springs (memory.py). The rest of the state (delayed commands, lags) continues. The states of motors without an
-encoder are simulated along the measured motion from the beginning of the log (unseen.py).
+At the start of a segment, angles and velocities of the measured axes are reset, and so are the torques of bristles and
+slipping springs (memory.py). Only the lag of a drive continues from the segment before: neighbouring segments of a row
+with a lag are one run, segments of other rows are runs of their own. The states of motors without an encoder are
+simulated along the measured motion from the beginning of the log (unseen.py).
 The start of a segment has the uncertainty of the sensors. To first order, a wrong start adds correlated noise to the
 segment. All errors are whitened by its covariance,
 
@@ -22,18 +23,27 @@ from functools import cached_property
 from math import ceil
 
 import numpy as np
-from via_core.signals import Array, Indices
+from via_core.signals import Array, Indices, Mask
 from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 
 from via_gap.residual.command_gaps import gap_pulses
-from via_gap.residual.legs import Leg, Runs, divided, simulate
+from via_gap.residual.legs import Leg, Runs, divided, runs_of, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
-from via_gap.residual.memory import HELD, goals_along, integrals_along, torques_along, with_late_goal, write_history
+from via_gap.residual.memory import (
+    HELD,
+    goals_along,
+    integrals_along,
+    torques_along,
+    with_drive_memory,
+    with_late_goal,
+    write_history,
+)
+from via_gap.residual.reduced import motion_in_bins, without_parts
 from via_gap.residual.segments import START, Segments, binned
 from via_gap.residual.torque_noise import noise_pulses
-from via_gap.residual.true_starts import correct
+from via_gap.residual.true_starts import Starts, correct
 from via_gap.residual.unseen import UnseenMotors
 
 HUGE = 1e6  # in place of an overflow
@@ -50,8 +60,9 @@ class _Inputs:
     commands  (1 or K, T, N_COMMANDS) of all rows, or of each
     memory    (K, C, HELD) torques of elements with memory at the starts, unless `states` contain them
     integral  (K, C) [rad] integrals of a position drive at the starts; None: there is none
-    states    (K, C, S) whole states at the starts, where a motor has no encoder
-    offset    (6,) added to every start
+    states    (1 or K, C, S) states at the starts; None: they continue, or commands are not those of the log
+    offset    (C, 6) added to the starts
+    lasting   (K,) whether the state of a row continues from segment to segment
     """
 
     rows: Array
@@ -60,22 +71,7 @@ class _Inputs:
     integral: Array | None
     states: Array | None
     offset: Array | None
-
-
-@dataclass(frozen=True, eq=False)
-class Starts:
-    """Where the simulation of each of C segments begins, for other simulators.
-
-    ticks   (C,) at which it begins: some time before the segment if every motor has an encoder, else with it
-    states  (C, S) state rows at these ticks
-    motion  (C, 6) angles and velocities at the beginning of the segment, valid for the measured axes
-    held    (C, HELD) torques of elements with memory there; None: they are simulated
-    """
-
-    ticks: Indices
-    states: Array
-    motion: Array
-    held: Array | None
+    lasting: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +109,10 @@ class Rollout:
         row, steps = row.copy(), self._start_steps()
         row[[P.tick, P.substeps]] = self.segments.nominal[[P.tick, P.substeps]]
 
+        measured = replace(self, shift=np.zeros_like(self.shift))  # one object: states of unseen motors are found once
+
         def errors(amounts: Array) -> Array:
-            return self._errors(replace(self, shift=amounts @ steps).motion(row[None]))[0]
+            return measured._errors(measured.motion(row[None], amounts @ steps))[0]
 
         amounts, slopes = likely_starts(errors, len(self.chosen), len(steps))
         moved = replace(self, shift=amounts @ steps)._whitened(row, STEP)
@@ -144,10 +142,11 @@ class Rollout:
     def motion(self, rows: Array, offset: Array | None = None, commands: Array | None = None) -> Array:
         """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS).
 
-        offset    (6,) is added to every start
+        offset    (6,) is added to every start, or (C, 6) to that of each segment
         commands  (K, T, N_COMMANDS) of each row, instead of the log's
 
-        Each chain of neighbouring segments with each row is a run; runs of similar length are simulated in lockstep.
+        Each segment with each row is a run, or each chain of neighbours if the state of the row continues; runs of
+        similar length are simulated in lockstep.
         """
         out, runs = self._prepared(rows, offset, commands)
         simulate(runs)
@@ -155,31 +154,21 @@ class Rollout:
 
     def _prepared(self, rows: Array, offset: Array | None, commands: Array | None) -> tuple[Array, list[Runs]]:
         """Memory for the angles of `motion`, and the runs that write it."""
-        chains = self._chains()
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
-        runs = np.stack(np.meshgrid(np.arange(len(rows)), np.arange(len(chains)), indexing="ij"), axis=-1).reshape(
-            -1, 2
-        )
-        runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
+        lasting = with_drive_memory(rows) & self._all_seen
+        chains, runs = runs_of(self.chosen, lasting)
         memory = integral = states = None
         sent = self.segments.commands[None] if commands is None else commands
         if self._all_seen:
             memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
             integral = integrals_along(rows, sent, self.segments.start[:, 0], self.segments.begin[self.chosen])
+            states = None if commands is not None or lasting.any() else self._begun[None]
         else:
             states = self._states_of_unseen(rows, commands)
-        inputs = _Inputs(rows, sent, memory, integral, states, offset)
+        aside = None if offset is None else np.broadcast_to(offset, (len(self.chosen), 6))
+        inputs = _Inputs(rows, sent, memory, integral, states, aside, lasting)
         kind = tuple(map(float, self.segments.nominal[[P.tick, P.substeps]]))
         return out, [Runs(self._legs(inputs, chains, piece, out), len(piece), kind) for piece in divided(runs)]
-
-    def _chains(self) -> Indices:
-        """(n, 2): index into `chosen` of the first segment of each chain of neighbours, and their number.
-
-        In a chain, the state continues from segment to segment. If a motor was not measured, each segment is a chain,
-        because its whole state is known.
-        """
-        first = np.flatnonzero(np.concatenate(([True], (np.diff(self.chosen) != 1) | (not self._all_seen))))
-        return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
 
     def starts(self, row: Array) -> Starts:
         """Where each segment begins with a row (N_PARAMETERS,)."""
@@ -189,7 +178,7 @@ class Rollout:
             return Starts(begin, self._states_of_unseen(row[None], None)[0], motion, None)
         ticks = np.maximum(begin - min(round(LEAD * segments.rate), segments.ticks), 0)
         states = self._initial(ticks, segments.commands, np.zeros(len(ticks), dtype=np.intp))
-        inputs = _Inputs(row[None], segments.commands[None], None, None, None, None)
+        inputs = _Inputs(row[None], segments.commands[None], None, None, None, None, np.ones(1, dtype=np.bool_))
         self._late_goals(inputs, np.zeros((len(ticks), 2), dtype=np.intp), ticks, states)
         return Starts(ticks, states, motion, torques_along(row[None], segments.start[:, :3], begin)[0])
 
@@ -243,21 +232,22 @@ class Rollout:
     def _legs(self, inputs: _Inputs, chains: Indices, runs: Indices, out: Array) -> Iterator[Leg]:
         """Legs of `runs` (n, 2), pairs of row and chain, longest chains first; writes angles into `out`."""
         rows, drive = inputs.rows, inputs.commands
-        segments, known = self.segments, self._known
+        segments, known, axes = self.segments, self._known, np.array(self.segments.axes)
         first, count = chains[runs[:, 1]].T
-        warm = np.maximum(segments.begin[self.chosen[first]] - self.lead, 0)
+        begin, lasting = segments.begin[self.chosen[first]], inputs.lasting[runs[:, 0]]
+        warm = np.where(lasting, np.maximum(begin - self.lead, 0), begin)
         sent = drive.reshape(-1, drive.shape[2])
         under = runs[:, 0] % len(drive) * drive.shape[1]  # row of `sent` at which the commands of each run begin
         if inputs.states is None:
             states = self._initial(warm, sent, under)
             self._late_goals(inputs, runs, warm, states)
-            ahead = np.flatnonzero(self.chosen[first] > 0)
+            ahead = np.flatnonzero(lasting & (self.chosen[first] > 0))
             if ahead.size:
                 begun = Leg(rows[runs[ahead, 0]], states[ahead], sent, under[ahead] + warm[ahead], self.lead)
                 yield begun
                 states[ahead] = begun.states
         else:
-            states = inputs.states[runs[:, 0], first]
+            states = inputs.states[runs[:, 0] % len(inputs.states), first]
         for j in range(int(count.max())):
             left = int(np.sum(count > j))  # shorter chains have ended
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
@@ -269,12 +259,17 @@ class Rollout:
                 state[:, X.bristle : X.bristle + HELD] = inputs.memory[runs[:left, 0], here]
             state[:, :6] += self.shift[here]
             if inputs.offset is not None:
-                state[:, :6] += inputs.offset
+                state[:, :6] += inputs.offset[here]
             write_history(run, begin, state, segments.rate, known, self._starts)
             leg = Leg(run, state, sent, under[:left] + begin, segments.ticks, last=j + 1 == count.max())
             yield leg
-            angles = leg.moved[:, :, list(segments.axes)]
-            out[runs[:left, 0], here] = binned(angles, segments.every, segments.averaged)
+            out[runs[:left, 0], here] = motion_in_bins(leg.moved, axes, segments.every, segments.averaged)
+
+    @cached_property
+    def _begun(self) -> Array:
+        """(C, .) state rows at the beginning of each segment under the commands of the log, see `_initial`."""
+        ticks = self.segments.begin[self.chosen]
+        return self._initial(ticks, self.segments.commands, np.zeros(len(ticks), dtype=np.intp))
 
     def _initial(self, ticks: Indices, sent: Array, under: Indices) -> Array:
         """State rows (n, .) at ticks: measured axes, unmeasured motors at their command, queues of delayed commands."""
@@ -353,7 +348,9 @@ class Rollout:
         flat = columns.reshape(len(self.chosen), self.size, len(changes))
         basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
         kept = int(np.max(np.sum(sizes > NEGLIGIBLE, axis=1), initial=1))
-        return replace(self, basis=basis[..., :kept], shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :kept] ** 2))
+        return replace(
+            self, basis=np.ascontiguousarray(basis[..., :kept]), shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :kept] ** 2)
+        )
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), commands as in `motion`; overflow gives a huge value."""
@@ -361,7 +358,7 @@ class Rollout:
 
     def whitened(self, motion: Array) -> Array:
         """Whitened measured minus simulated (K, C, b a) of angles as compared, motion (K, C, b, a) [rad]."""
-        return self._without_starts(self._errors(motion) + self.back)
+        return without_parts(self._errors(motion) + self.back, self.basis, self.shrink)
 
     def _errors(self, motion: Array) -> Array:
         """Measured minus simulated (K, C, b a) in units of the noise; overflow gives a huge value."""
@@ -379,12 +376,7 @@ class Rollout:
         line = start[:, None, axes] + ticks[None, :, None] * start[:, None, [3 + axis for axis in axes]]
         error = segments.measured[self.chosen] - binned(line, segments.every, segments.averaged)
         scaled = error * segments.weight[self.chosen] / segments.noise
-        return self._without_starts(scaled.reshape(1, len(self.chosen), self.size))[0]
-
-    def _without_starts(self, error: Array) -> Array:
-        """Errors (K, C, b a) without the part that uncertain starts explain."""
-        along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, error)
-        return error - np.einsum("crk,Kck->Kcr", self.basis, along)
+        return without_parts(scaled.reshape(1, len(self.chosen), self.size), self.basis, self.shrink)[0]
 
 
 def residuals(rollouts: Sequence[Rollout], rows: Sequence[Array]) -> list[Array]:

@@ -9,7 +9,7 @@ from functools import cache
 from math import ceil
 
 THREADS = 2
-BLOCKS = 2  # that one call computes at most: its own cost is small beside them
+BLOCKS = 8  # that one call computes at most: its own cost is small beside them
 
 
 @cache

@@ -1,11 +1,29 @@
-"""Measured motion at the start of segments without the encoder errors of each parameter row."""
+"""Starts of segments: measured motion without the encoder errors of each parameter row."""
 
 from __future__ import annotations
 
-from via_core.signals import Array
+from dataclasses import dataclass
+
+from via_core.signals import Array, Indices
 from via_sim.joint.compiled import compiled
 from via_sim.joint.encoders import true_motion
 from via_sim.joint.parameters import P
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Where the simulation of each of C segments begins, for other simulators.
+
+    ticks   (C,) at which it begins: some time before the segment if every motor has an encoder, else with it
+    states  (C, S) state rows at these ticks
+    motion  (C, 6) angles and velocities at the beginning of the segment, valid for the measured axes
+    held    (C, HELD) torques of elements with memory there; None: they are simulated
+    """
+
+    ticks: Indices
+    states: Array
+    motion: Array
+    held: Array | None
 
 
 @compiled

@@ -19,8 +19,9 @@ import numpy as np
 from scipy.linalg import solve
 from via_sim.catalogue.sensor.channel_skew import MAX_SKEW
 
-from via_gap.candidates.fit import FINISHING, fit_on, member_slopes, members_of, refine
+from via_gap.candidates.fit import fit_on, member_slopes, members_of
 from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.subset import subset
 from via_gap.logs.between import period_of

@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import FINISHING, Fit, event_times, members_of, refine
+from via_gap.candidates.fit import Fit, event_times, members_of
+from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.selection.between import with_interpolation
 from via_gap.selection.evidence import Evaluation, predicts, vetoed
 from via_gap.selection.experiment import Experiment

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from via_gap.candidates.fit import FINISHING, members_of, refine
+from via_gap.candidates.fit import members_of
 from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.verdict import Decision

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from via_core.signals import Array, Indices
 
-from via_gap.candidates.fit import Budget, Fit, members_of, refine
+from via_gap.candidates.fit import Fit, members_of
+from via_gap.candidates.refinement import Budget, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.bound import flexible

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from via_gap.candidates.fit import FINISHING, Fit, members_of, refine
+from via_gap.candidates.fit import Fit, members_of
+from via_gap.candidates.refinement import FINISHING, refine_all
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
@@ -43,7 +44,8 @@ def rivals(
             there = {location for location, _ in rest}
             others = [each.fit for each in alone if not any(map(each.fit.locations[0].overlaps, there))]
             new = [members_of(each) for each in others if there | {*each.locations} not in tried]
-            swapped = [refine(whole, model.fit, [*rest, *each], scales, FINISHING) for each in new[:MOST]]
+            starts = [(model.fit, [*rest, *each]) for each in new[:MOST]]
+            swapped = refine_all(whole, starts, scales, FINISHING)
             fits += [each for each in swapped if each is not None and not absurd(each, scales)]
         return evaluated(fits)
 

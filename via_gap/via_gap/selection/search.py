@@ -19,10 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import FINISHING, Budget, Fit, Members, fit_on, member_slopes, members_of, refine
+from via_gap.candidates.fit import Fit, Members, fit_on, member_slopes, members_of
 from via_gap.candidates.further_terms import with_further_terms
 from via_gap.candidates.location import Location
 from via_gap.candidates.periodic import with_harmonics
+from via_gap.candidates.refinement import FINISHING, Budget, raced, refine, refine_all
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, other_starts, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
@@ -153,16 +154,11 @@ class Search:
         Far from a model that explains the motion, the prediction ranks them wrongly; one step shows by how much. Where
         device parameters are far from their values, so does the step: the best predictions are fitted as well.
         """
-        first = [refine(self.few, base, each, self.scales, FIRST, jacobian) for each in candidates]
+        first = refine_all(self.few, [(base, each) for each in candidates], self.scales, FIRST, jacobian)
         begun = [each for each in first if each is not None]
         order = sorted(begun, key=lambda each: each.loss)[:most]
-        fits: list[Fit] = []
-        for each in (*order, *(each for each in begun[:PREDICTED] if each not in order)):
-            found = refine(self.few, each, members_of(each), self.scales, Budget(rival=rival))
-            if found is not None:
-                fits.append(found)
-                rival = min(rival, found.loss) if rival else found.loss
-        return fits
+        chosen = (*order, *(each for each in begun[:PREDICTED] if each not in order))
+        return raced(self.few, [(each, members_of(each)) for each in chosen], self.scales, rival)
 
     def _pairs(self, there: Sequence[Fit]) -> list[Fit]:
         """Fits on the subset of the best-ranked pairs, except those in `there`.
@@ -198,7 +194,7 @@ class Search:
         found = []
         for best in sorted(fits, key=lambda fit: fit.loss)[:1]:
             others = other_starts(best, self.scales, self.few.device) if absurd(best, self.scales) else []
-            again = [refine(self.few, best, members, self.scales) for members in others]
+            again = refine_all(self.few, [(best, members) for members in others], self.scales)
             found += [each for each in again if each is not None]
         return found
 
@@ -220,12 +216,9 @@ class Search:
 
     def _reduced(self, fit: Fit) -> list[Fit]:
         """Fits to all segments with each effect left out."""
-        found = []
-        for out in fit.locations:
-            members = [each for each in members_of(fit) if each[0] != out]
-            shorter = refine(self.whole, fit, members, self.scales, FINISHING)
-            found += [shorter] if shorter is not None else []
-        return found
+        fewer = [[each for each in members_of(fit) if each[0] != out] for out in fit.locations]
+        shorter = refine_all(self.whole, [(fit, members) for members in fewer], self.scales, FINISHING)
+        return [each for each in shorter if each is not None]
 
     def _finished(self, fits: Sequence[Fit]) -> list[Fit]:
         """Plausible fits near the best of them, fitted to all segments."""
@@ -233,7 +226,7 @@ class Search:
         near = [fit for number, fit in enumerate(order) if number < CLOSEST or fit.loss < CLOSE * order[0].loss]
         found = near
         if self.few is not self.whole:
-            done = [refine(self.whole, fit, members_of(fit), self.scales, FINISHING) for fit in near]
+            done = refine_all(self.whole, [(fit, members_of(fit)) for fit in near], self.scales, FINISHING)
             found = [fit for fit in done if fit is not None]
         more = with_harmonics(self.whole, found, self.candidates.equations, self.scales)
         return found + more + with_further_terms(self.whole, found, self.scales)

@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 from via_core.signals import Mask
 
-from via_gap.candidates.fit import Budget, event_times, members_of, refine
+from via_gap.candidates.fit import event_times, members_of
+from via_gap.candidates.refinement import Budget, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.quantities import quantities
 from via_gap.residual.residual_model import ResidualModel

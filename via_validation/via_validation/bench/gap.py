@@ -3,7 +3,7 @@
 The fit finds dry friction, viscous friction and inertia of the motor of a flexible joint from one log of 40 s at 1 kHz,
 with the same bounds and start values. Contenders:
 
-    via_gap       its Gauss-Newton on whitened segments, `candidates.fit.refine`
+    via_gap       its Gauss-Newton on whitened segments, `candidates.refinement.refine`
     scipy         least_squares (trust region, 2-point differences) on the same segments, simulator and whitening
     mujoco.sysid  as in its documentation: one parameter per modifier of the spec, one sequence, default residual,
                   optimiser and threads; the joint in MuJoCo with implicitfast at 1 ms

@@ -11,8 +11,9 @@ from mujoco import sysid
 from scipy.optimize import least_squares
 from via_core.devices import Device, parse_device
 from via_core.signals import Array, Signals
-from via_gap.candidates.fit import fit_device_parameters, refine
+from via_gap.candidates.fit import fit_device_parameters
 from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import refine
 from via_gap.candidates.scales import scales_of
 from via_gap.design.commands import following
 from via_gap.logs.log import JointLog
