@@ -87,6 +87,7 @@ NOT_HELD = (
     (PENDULUM, e("encoder_eccentricity", "sensor", amplitude=0.05, phase=0.3)),
     (CUBIC, e("stiffness_drift", "transmission", 1, rate=-0.8)),
     (PENDULUM, e("torque_deadband", "motor", 1, threshold=1.0)),
+    (PENDULUM, e("dead_zone", "motor", 1, width=0.4)),
     (SERVO, e("position_deadband", "motor", 1, width=0.2)),
     (SERVO, e("velocity_feedforward", "motor", 1, share=1.0)),
     (CUBIC, e("gear_error", "transmission", 1, amplitude=0.1, order=3.0, phase=0.4)),

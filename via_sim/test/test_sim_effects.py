@@ -264,7 +264,7 @@ def test_effect_at_both_motors_equals_one_at_each(joint):
             assert np.array_equal(nominal.with_effects([both]).parameters, nominal.with_effects(each).parameters)
             assert parse_effects(effects_text([both]), "x") == (both,)
             found += 1
-    assert found == {"antagonistic": 13 + 8, "serial": 1, "rigid": 0}[joint.arrangement]
+    assert found == {"antagonistic": 14 + 8, "serial": 1, "rigid": 0}[joint.arrangement]
 
 
 def test_effects_at_both_motors_and_at_one_add_up_or_conflict():
