@@ -16,6 +16,7 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
 from via_gap.logs.log import JointLog
 from via_gap.residual.inverse_dynamics import TAKING, InverseDynamics
+from via_gap.residual.reduced import without_parts
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import binned, cut_log
@@ -184,7 +185,7 @@ def test_a_straight_line_leaves_half_the_acceleration_times_time_squared():
     off = replace(segments, measured=binned(line + parabola[None, :, None], segments.every, segments.averaged))
     view = Rollout.of(off, chosen)
     expected = binned(np.tile(parabola[None, :, None], (len(chosen), 1, 1)), segments.every, segments.averaged)
-    whitened = view._without_starts((expected / segments.noise).reshape(1, len(chosen), -1))[0]
+    whitened = without_parts((expected / segments.noise).reshape(1, len(chosen), -1), view.basis, view.shrink)[0]
     assert view.baseline() == pytest.approx(whitened, rel=1e-6, abs=1e-6)
     assert np.mean(view.baseline() ** 2) > 100.0
 
