@@ -13,9 +13,9 @@ from via_core.signals import Signals
 from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.converged import converged
 from via_gap.candidates.covariance import clustered_covariance, clusters, covariance_of
-from via_gap.candidates.fit import Fit, fit_device_parameters, fit_on, member_slopes
+from via_gap.candidates.fit import Fit, fit_device_parameters
 from via_gap.candidates.location import Location, locations
-from via_gap.candidates.refinement import refine
+from via_gap.candidates.refinement import fit_on, member_slopes, refine
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs
 from via_gap.candidates.starts import amount_range, starts

@@ -16,10 +16,10 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
 from via_gap.logs.log import JointLog
 from via_gap.residual.inverse_dynamics import TAKING, InverseDynamics
-from via_gap.residual.reduced import without_parts
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import binned, cut_log
+from via_gap.residual.true_starts import without_parts
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_logs import log_of, rigid
 from via_gap.candidates.converged import converged
-from via_gap.candidates.fit import Axes, fit_device_parameters, members_of
+from via_gap.candidates.fit import Axes, fit_device_parameters
 from via_gap.candidates.levers import bending, bent, straightened
 from via_gap.candidates.location import Location
 from via_gap.candidates.refinement import refine
@@ -61,7 +61,7 @@ def test_an_upright_axis_shows_the_inertia_of_a_payload_alone():
     of_inertia = np.sqrt(turning @ best.covariance @ turning) / (mass * distance**2)
     assert mass * distance**2 == pytest.approx(0.027, rel=0.2) and 0.0 < of_inertia < 0.3
     assert best.sd[0] > mass, "the mass alone is not known"
-    axes = Axes.of(model, members_of(best), scales)
+    axes = Axes.of(model, best.members, scales)
     assert axes.sd(best)[1] * axes.size[1] == pytest.approx(of_inertia * mass * distance**2, rel=0.01)
 
 

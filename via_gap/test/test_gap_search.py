@@ -7,7 +7,8 @@ import pytest
 from gap_logs import flexible, log_of, rigid
 from via_core.devices import load_device
 from via_core.signals import Signals
-from via_gap.candidates.fit import Fit, fit_on
+from via_gap.candidates.fit import Fit
+from via_gap.candidates.refinement import fit_on
 from via_gap.candidates.screen import ranked
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog

@@ -5,7 +5,7 @@ import pytest
 from gap_logs import log_of, rigid
 from via_gap.candidates.converged import converged
 from via_gap.candidates.covariance import clusters
-from via_gap.candidates.fit import Fit, members_of
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.candidates.refinement import refine
 from via_gap.candidates.scales import Scales
@@ -64,7 +64,7 @@ def test_the_interval_of_a_wrong_friction_holds_its_values_in_slow_and_in_fast_m
     speed = quantities(experiment.fitted.views)["speed"]
     for half in (speed < np.median(speed), speed >= np.median(speed)):
         part = experiment.fitted.part([np.flatnonzero(half)])[0]
-        there = refine(part, fit, members_of(fit), scales).values[0]
+        there = refine(part, fit, fit.members, scales).values[0]
         assert 1.96 * of_neighbours < abs(there - fit.values[0]) < 1.96 * sd
     assert of_drag < 0.001 * drag.values[0]
 

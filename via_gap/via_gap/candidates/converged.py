@@ -10,7 +10,8 @@ import numpy as np
 from via_core.signals import Array
 
 from via_gap.candidates.covariance import clustered_covariance, clusters
-from via_gap.candidates.fit import LEAST_STEP, Axes, Fit, fit_on, members_of
+from via_gap.candidates.fit import LEAST_STEP, Axes, Fit
+from via_gap.candidates.refinement import fit_on
 from via_gap.candidates.scales import Scales
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.residual_model import STEP, ResidualModel
@@ -28,7 +29,7 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     the end of a tolerance differences are one-sided, and a second step is needed.
     """
     likely = problem.at_likely_starts(problem.row(fit.effects, fit.offsets))
-    axes = Axes.of(likely, members_of(fit), scales, fitted=True)
+    axes = Axes.of(likely, fit.members, scales, fitted=True)
     count = axes.count
     (here,) = likely.answer([axes.best([axes.coordinates(fit.offsets, fit.values)])])
     for _ in range(TURNS):

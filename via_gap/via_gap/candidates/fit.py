@@ -30,6 +30,9 @@ LONG = 10.0  # [s] a parameter in seconds with a larger range is a time of the r
 OWN = 6  # rounds for the device parameters alone
 
 
+Members = list[tuple[Location, list[float]]]  # locations of effects with their values or initial values
+
+
 @dataclass(frozen=True, eq=False)
 class Fit:
     """Effects and device parameters that minimise the loss on the training segments.
@@ -64,6 +67,11 @@ class Fit:
     def locations(self) -> tuple[Location, ...]:
         return tuple(map(Location.of, self.effects))
 
+    @property
+    def members(self) -> Members:
+        """The locations of the effects with their values."""
+        return [(Location.of(each), list(each.parameters.values())) for each in self.effects]
+
     def reordered(self, order: Sequence[int]) -> Fit:
         """The same fit with its effects in another order."""
         ends = np.cumsum([0, *(len(each.parameters) for each in self.effects)])
@@ -71,20 +79,6 @@ class Fit:
         tolerances = self.tolerances[:, own] if self.tolerances.size else self.tolerances
         effects, covariance = tuple(self.effects[number] for number in order), self.covariance[np.ix_(own, own)]
         return replace(self, effects=effects, covariance=covariance, tolerances=tolerances)
-
-
-Members = list[tuple[Location, list[float]]]  # locations of effects with their values or initial values
-
-
-def members_of(fit: Fit) -> Members:
-    """The locations of a fit's effects with their values."""
-    return [(p, list(e.parameters.values())) for p, e in zip(fit.locations, fit.effects, strict=True)]
-
-
-def fit_on(problem: ResidualModel, fit: Fit) -> Fit:
-    """The same effects and device parameters, with loss and residual on the segments of `problem`."""
-    residual = problem.residual([problem.row(fit.effects, fit.offsets)])[0]
-    return replace(fit, loss=float(problem.loss(residual) + fit.offsets @ fit.offsets), residual=residual)
 
 
 def event_times(fit: Fit) -> tuple[float, ...]:
@@ -312,11 +306,3 @@ class Axes:
                 at = tries[int(np.argmin(losses))]
         best = yield from self.best([at])
         return best if best.loss < here.loss else here
-
-
-def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:
-    """(R, k) derivatives of the residual by those effect parameters of a fit on which it depends smoothly."""
-    axes = Axes.of(problem, members_of(fit), scales)
-    here = Point(axes.coordinates(fit.offsets, fit.values), fit.loss, fit.residual)
-    (slopes,) = problem.answer([axes.slopes(here)])
-    return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0)]

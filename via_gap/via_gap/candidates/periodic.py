@@ -13,7 +13,7 @@ from via_sim.catalogue import EFFECTS
 from via_sim.catalogue.drive.torque_ripple import RIPPLE_HARMONICS
 from via_sim.catalogue.sensor.encoder_eccentricity import ENCODER_HARMONICS
 
-from via_gap.candidates.fit import Fit, members_of
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.orders import Wave, encoder_waves, torque_waves
 from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.candidates.scales import Scales
@@ -60,7 +60,7 @@ def _richer(whole: ResidualModel, fit: Fit, number: int, waves: Sequence[Wave], 
         for k, wave in enumerate(waves)
         for name, value in zip(("amplitude", "order", "phase"), wave, strict=True)
     }
-    members = members_of(fit)
+    members = fit.members
     location = members[number][0]
     location = replace(location, optional=tuple(p.name for p in EFFECTS[location.name].optional if p.name in given))
     members[number] = (location, [given[p.name] for p in location.parameters])

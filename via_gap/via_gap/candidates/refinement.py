@@ -8,7 +8,7 @@ together.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from via_core.signals import Array, Mask
@@ -56,6 +56,20 @@ class _State:
 
 
 _Course = tuple[_State, _State | None]  # end of a fit, and the first state in which a much better fit would end it
+
+
+def fit_on(problem: ResidualModel, fit: Fit) -> Fit:
+    """The same effects and device parameters, with loss and residual on the segments of `problem`."""
+    residual = problem.residual([problem.row(fit.effects, fit.offsets)])[0]
+    return replace(fit, loss=float(problem.loss(residual) + fit.offsets @ fit.offsets), residual=residual)
+
+
+def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:
+    """(R, k) derivatives of the residual by those effect parameters of a fit on which it depends smoothly."""
+    axes = Axes.of(problem, fit.members, scales)
+    here = Point(axes.coordinates(fit.offsets, fit.values), fit.loss, fit.residual)
+    (slopes,) = problem.answer([axes.slopes(here)])
+    return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0)]
 
 
 def refine(

@@ -15,7 +15,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.catalogue.starts import Start
 
-from via_gap.candidates.fit import Fit, Members, effect_or_none, members_of
+from via_gap.candidates.fit import Fit, Members, effect_or_none
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import amount_range, combined, shapes, starts
@@ -91,7 +91,7 @@ def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list
 
 def other_starts(fit: Fit, scales: Scales, device: Device) -> list[Members]:
     """The effects of a fit, each in turn with the nonlinear parameters of its other starts."""
-    members = members_of(fit)
+    members = fit.members
     return [
         [*members[:number], (location, shape), *members[number + 1 :]]
         for number, (location, values) in enumerate(members)

@@ -29,7 +29,7 @@ from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 
 from via_gap.residual.command_gaps import gap_pulses
-from via_gap.residual.legs import Leg, Runs, divided, runs_of, simulate
+from via_gap.residual.legs import Leg, Runs, divided, motion_in_bins, runs_of, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import (
     HELD,
@@ -40,10 +40,9 @@ from via_gap.residual.memory import (
     with_late_goal,
     write_history,
 )
-from via_gap.residual.reduced import motion_in_bins, without_parts
 from via_gap.residual.segments import START, Segments, binned
 from via_gap.residual.torque_noise import noise_pulses
-from via_gap.residual.true_starts import Starts, correct
+from via_gap.residual.true_starts import Starts, correct, without_parts
 from via_gap.residual.unseen import UnseenMotors
 
 HUGE = 1e6  # in place of an overflow

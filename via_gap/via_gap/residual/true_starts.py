@@ -1,9 +1,10 @@
-"""Starts of segments: measured motion without the encoder errors of each parameter row."""
+"""Starts of segments: measured motion without the encoder errors of each parameter row, and what they explain."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from via_core.signals import Array, Indices
 from via_sim.joint.compiled import compiled
 from via_sim.joint.encoders import true_motion
@@ -40,3 +41,25 @@ def correct(rows: Array, start: Array, ticks: Array, axes: Array, rate: float, f
                 for place in (axis, 3 + axis):
                     found[n, place] = (1.0 - share) * start[low, place] + share * start[high, place]
             found[n, axis], found[n, 3 + axis] = true_motion(rows[n], axis, found[n, axis], found[n, 3 + axis])
+
+
+@compiled
+def without_parts(error: Array, basis: Array, shrink: Array) -> Array:
+    """Errors (K, C, r) without the share `shrink` (C, k) of their part along each column of `basis` (C, r, k)."""
+    out = np.empty_like(error)
+    count, size, columns = basis.shape
+    along = np.empty(columns)
+    for row in range(len(error)):
+        for c in range(count):
+            along[:] = 0.0
+            for r in range(size):
+                for k in range(columns):
+                    along[k] += basis[c, r, k] * error[row, c, r]
+            for k in range(columns):
+                along[k] *= shrink[c, k]
+            for r in range(size):
+                part = 0.0
+                for k in range(columns):
+                    part += basis[c, r, k] * along[k]
+                out[row, c, r] = error[row, c, r] - part
+    return out

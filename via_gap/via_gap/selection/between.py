@@ -19,9 +19,8 @@ import numpy as np
 from scipy.linalg import solve
 from via_sim.catalogue.sensor.channel_skew import MAX_SKEW
 
-from via_gap.candidates.fit import fit_on, member_slopes, members_of
 from via_gap.candidates.location import Location
-from via_gap.candidates.refinement import FINISHING, refine
+from via_gap.candidates.refinement import FINISHING, fit_on, member_slopes, refine
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.subset import subset
 from via_gap.logs.between import period_of
@@ -58,7 +57,7 @@ def _delayed(experiment: Experiment, best: Evaluation, scales: Scales) -> list[E
     if DELAY in best.fit.locations:
         return []
     here = period_of(experiment.fitted.views[0].segments.log)
-    fit = refine(experiment.fitted, best.fit, [*members_of(best.fit), (DELAY, [0.5 * here])], scales, FINISHING)
+    fit = refine(experiment.fitted, best.fit, [*best.fit.members, (DELAY, [0.5 * here])], scales, FINISHING)
     return [] if fit is None else experiment.evaluate([fit])
 
 
@@ -66,7 +65,7 @@ def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales
     """Evaluation of the effects of `best` fitted in an experiment, from the device parameters of `start`."""
     if not best.fit.effects:
         return start
-    fit = refine(experiment.fitted, start.fit, members_of(best.fit), scales, FINISHING)
+    fit = refine(experiment.fitted, start.fit, best.fit.members, scales, FINISHING)
     return start if fit is None else experiment.evaluate([fit])[0]
 
 

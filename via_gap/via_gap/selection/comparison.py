@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import Fit, event_times, members_of
+from via_gap.candidates.fit import Fit, event_times
 from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.selection.between import with_interpolation
 from via_gap.selection.evidence import Evaluation, predicts, vetoed
@@ -69,7 +69,7 @@ def compare_models(experiment: Experiment, candidates: CandidateSet, progress: P
     if experiment.folds is not None or not event_times(best.fit):
         return ModelComparison(experiment, candidates, models)
     everywhere = experiment.everywhere()
-    sought = refine(everywhere, best.fit, members_of(best.fit), candidates.scales, FINISHING)
+    sought = refine(everywhere, best.fit, best.fit.members, candidates.scales, FINISHING)
     times = event_times(sought or best.fit)
     scales = candidates.scales
     if len(times) == 2:  # an initial value that the fitted segments alone might not provide

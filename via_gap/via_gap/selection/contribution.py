@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from via_gap.candidates.fit import members_of
 from via_gap.candidates.location import Location
 from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.selection.comparison import ModelComparison
@@ -32,7 +31,7 @@ def by_contribution(decision: Decision, comparison: ModelComparison) -> Decision
 
 def _without(out: Location, chosen: Evaluation, comparison: ModelComparison) -> Evaluation:
     """The model without one of its effects: that of the search, if it was evaluated there."""
-    rest = [member for member in members_of(chosen.fit) if member[0] != out]
+    rest = [member for member in chosen.fit.members if member[0] != out]
     kind = {location for location, _ in rest}
     known = (each for each in comparison.models if set(each.fit.locations) == kind)
     if (found := next(known, None)) is not None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from via_core.signals import Array, Indices
 
-from via_gap.candidates.fit import Fit, members_of
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.refinement import Budget, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
@@ -73,7 +73,7 @@ class Folds:
 
     def _evaluated(self, fit: Fit, scales: Scales | None) -> Evaluation:
         residual = np.empty(self.whole.size)
-        members = members_of(fit)
+        members = fit.members
         for kept, rest, where in self.parts:
             if members and scales is not None:
                 again = refine(kept, fit, members, scales, REFITS) or fit

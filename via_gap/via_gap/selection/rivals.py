@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from via_gap.candidates.fit import Fit, members_of
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.refinement import FINISHING, refine_all
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
@@ -40,10 +40,10 @@ def rivals(
             return []
         fits = []
         for out in model.fit.locations:
-            rest = [each for each in members_of(model.fit) if each[0] != out]
+            rest = [each for each in model.fit.members if each[0] != out]
             there = {location for location, _ in rest}
             others = [each.fit for each in alone if not any(map(each.fit.locations[0].overlaps, there))]
-            new = [members_of(each) for each in others if there | {*each.locations} not in tried]
+            new = [each.members for each in others if there | {*each.locations} not in tried]
             starts = [(model.fit, [*rest, *each]) for each in new[:MOST]]
             swapped = refine_all(whole, starts, scales, FINISHING)
             fits += [each for each in swapped if each is not None and not absurd(each, scales)]

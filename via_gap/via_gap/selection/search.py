@@ -19,11 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import Fit, Members, fit_on, member_slopes, members_of
-from via_gap.candidates.further_terms import with_further_terms
+from via_gap.candidates.fit import Fit, Members
+from via_gap.candidates.further_terms import richer
 from via_gap.candidates.location import Location
-from via_gap.candidates.periodic import with_harmonics
-from via_gap.candidates.refinement import FINISHING, Budget, raced, refine, refine_all
+from via_gap.candidates.refinement import FINISHING, Budget, fit_on, member_slopes, raced, refine, refine_all
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, other_starts, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
@@ -141,7 +140,7 @@ class Search:
             known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
             near = [location for _, location, _ in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
             hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)
-        members = [[*members_of(fit), (location, values)] for _, location, values in hopeful]
+        members = [[*fit.members, (location, values)] for _, location, values in hopeful]
         return self._raced(here, members, jacobian, most, rival)
 
     def _raced(
@@ -158,7 +157,7 @@ class Search:
         begun = [each for each in first if each is not None]
         order = sorted(begun, key=lambda each: each.loss)[:most]
         chosen = (*order, *(each for each in begun[:PREDICTED] if each not in order))
-        return raced(self.few, [(each, members_of(each)) for each in chosen], self.scales, rival)
+        return raced(self.few, [(each, each.members) for each in chosen], self.scales, rival)
 
     def _pairs(self, there: Sequence[Fit]) -> list[Fit]:
         """Fits on the subset of the best-ranked pairs, except those in `there`.
@@ -178,7 +177,7 @@ class Search:
         older = list(fit.locations[:-1])
         while older:
             out = older.pop(0)
-            rest = refine(self.few, fit, [each for each in members_of(fit) if each[0] != out], self.scales)
+            rest = refine(self.few, fit, [each for each in fit.members if each[0] != out], self.scales)
             joined = self._joined(rest, fit.loss) if rest is not None else []
             found += joined
             best = min(joined, key=lambda each: each.loss, default=fit)
@@ -203,11 +202,11 @@ class Search:
         there = {frozenset(fit.locations) for fit in fits}
         found = []
         for best in sorted(fits, key=lambda fit: fit.loss)[:1]:
-            for number, (location, values) in enumerate(members_of(best)):
+            for number, (location, values) in enumerate(best.members):
                 if location.kind.contains is None:
                     continue
                 name, which = location.kind.contains
-                members = members_of(best)
+                members = best.members
                 members[number] = (replace(location, name=name), [float(np.mean([values[i] for i in which]))])
                 if frozenset(each for each, _ in members) not in there:
                     plain = refine(self.few, best, members, self.scales)
@@ -216,7 +215,7 @@ class Search:
 
     def _reduced(self, fit: Fit) -> list[Fit]:
         """Fits to all segments with each effect left out."""
-        fewer = [[each for each in members_of(fit) if each[0] != out] for out in fit.locations]
+        fewer = [[each for each in fit.members if each[0] != out] for out in fit.locations]
         shorter = refine_all(self.whole, [(fit, members) for members in fewer], self.scales, FINISHING)
         return [each for each in shorter if each is not None]
 
@@ -226,10 +225,9 @@ class Search:
         near = [fit for number, fit in enumerate(order) if number < CLOSEST or fit.loss < CLOSE * order[0].loss]
         found = near
         if self.few is not self.whole:
-            done = refine_all(self.whole, [(fit, members_of(fit)) for fit in near], self.scales, FINISHING)
+            done = refine_all(self.whole, [(fit, fit.members) for fit in near], self.scales, FINISHING)
             found = [fit for fit in done if fit is not None]
-        more = with_harmonics(self.whole, found, self.candidates.equations, self.scales)
-        return found + more + with_further_terms(self.whole, found, self.scales)
+        return found + richer(self.whole, found, self.candidates.equations, self.scales)
 
 
 def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Members]]:

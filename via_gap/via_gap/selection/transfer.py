@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from via_core.signals import Mask
 
-from via_gap.candidates.fit import event_times, members_of
+from via_gap.candidates.fit import event_times
 from via_gap.candidates.refinement import Budget, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.quantities import quantities
@@ -36,7 +36,7 @@ def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> d
     problem = experiment.everywhere()
     tuned = experiment.tuned.fit
     before = problem.per_segment(problem.residual([problem.row(tuned.effects, tuned.offsets)])[0])
-    whole = refine(problem, chosen.fit, members_of(chosen.fit), scales, REFITS) or chosen.fit
+    whole = refine(problem, chosen.fit, chosen.fit.members, scales, REFITS) or chosen.fit
     times = np.array([event_times(whole)] * 2)
     events = np.concatenate(
         [np.isin(np.arange(len(v.chosen)), at) for v, at in zip(problem.views, problem.touched(times), strict=True)]
@@ -49,7 +49,7 @@ def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> d
         left = np.full(len(before), np.nan)
         for half in (low, ~low):
             kept = half | events | _every(~half)
-            fit = refine(_part(problem, kept), whole, members_of(whole), scales, REFITS) or whole
+            fit = refine(_part(problem, kept), whole, whole.members, scales, REFITS) or whole
             rest = _part(problem, ~half)
             left[~half] = rest.per_segment(rest.residual([rest.row(fit.effects, fit.offsets)])[0])
         found[name] = float(np.mean(left) / max(np.mean(before), 1e-12))

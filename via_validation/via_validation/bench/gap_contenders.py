@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from io import StringIO
 
 import mujoco
@@ -12,7 +13,6 @@ from scipy.optimize import least_squares
 from via_core.devices import Device, parse_device
 from via_core.signals import Array, Signals
 from via_gap.candidates.fit import fit_device_parameters
-from via_gap.candidates.location import Location
 from via_gap.candidates.refinement import refine
 from via_gap.candidates.scales import scales_of
 from via_gap.design.commands import following
@@ -105,11 +105,7 @@ def by_via(log: JointLog) -> Array:
         segments.time[every],
         problem.per_segment(base.residual),
     )
-    members = [
-        (Location("coulomb_friction", "motor", 1), [START[0]]),
-        (Location("viscous_friction", "motor", 1), [START[1]]),
-    ]
-    fit = refine(problem, base, members, scales)
+    fit = refine(problem, base, replace(base, effects=tuple(_effects(np.array(START)))).members, scales)
     assert fit is not None
     dry, viscous = fit.effects
     share = problem.nuisances[0].tolerance * float(fit.offsets[0])
