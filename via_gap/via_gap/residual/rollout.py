@@ -16,7 +16,7 @@ same way.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
@@ -27,12 +27,11 @@ from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 
-from via_gap.residual.command_gaps import gap_pulses
 from via_gap.residual.legs import Leg, Runs, divided, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import HELD, goals_along, integrals_along, torques_along, with_late_goal, write_history
 from via_gap.residual.segments import START, Segments, binned
-from via_gap.residual.torque_noise import noise_pulses
+from via_gap.residual.torque_noise import command_pulses
 from via_gap.residual.true_starts import correct
 from via_gap.residual.unseen import UnseenMotors
 
@@ -101,12 +100,21 @@ class Rollout:
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> Rollout:
-        n, size = len(chosen), segments.measured.shape[1] * len(segments.axes)
-        starts = np.zeros(6), np.zeros((n, 6)), np.zeros((n, size))
-        made = Rollout(segments, chosen, np.empty(0), np.empty(0), segments.ticks, *starts)._whitened(segments.nominal)
+        made = Rollout._plain(segments, chosen)._whitened(segments.nominal, command_pulses(segments))
         if segments.rests or not made._unseen:
             return made
-        return made._with_estimated_start()._whitened(segments.nominal)
+        return made._with_estimated_start()._whitened(segments.nominal, command_pulses(segments))
+
+    @staticmethod
+    def by_starts(segments: Segments, chosen: Indices) -> Rollout:
+        """The same with fewer runs: noise of torques and gaps in the commands count as errors."""
+        return Rollout._plain(segments, chosen)._whitened(segments.nominal, ())
+
+    @staticmethod
+    def _plain(segments: Segments, chosen: Indices) -> Rollout:
+        n, size = len(chosen), segments.measured.shape[1] * len(segments.axes)
+        starts = np.zeros(6), np.zeros((n, 6)), np.zeros((n, size))
+        return Rollout(segments, chosen, np.empty(0), np.empty(0), segments.ticks, *starts)
 
     def at_likely_starts(self, row: Array) -> Rollout:
         """The same, linearised about the most likely start of each segment under a row (N_PARAMETERS,)."""
@@ -117,7 +125,7 @@ class Rollout:
             return self._errors(replace(self, shift=amounts @ steps).motion(row[None]))[0]
 
         amounts, slopes = likely_starts(errors, len(self.chosen), len(steps))
-        moved = replace(self, shift=amounts @ steps)._whitened(row, STEP)
+        moved = replace(self, shift=amounts @ steps)._whitened(row, command_pulses(self.segments), STEP)
         return replace(moved, back=-np.einsum("crk,ck->cr", slopes, amounts))
 
     def part(self, which: Indices) -> Rollout:
@@ -157,9 +165,7 @@ class Rollout:
         """Memory for the angles of `motion`, and the runs that write it."""
         chains = self._chains()
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
-        runs = np.stack(np.meshgrid(np.arange(len(rows)), np.arange(len(chains)), indexing="ij"), axis=-1).reshape(
-            -1, 2
-        )
+        runs = np.indices((len(rows), len(chains))).reshape(2, -1).T
         runs = runs[np.argsort(-chains[runs[:, 1], 1], kind="stable")]  # by length; then rows alike, terms alike
         memory = integral = states = None
         sent = self.segments.commands[None] if commands is None else commands
@@ -338,12 +344,12 @@ class Rollout:
         known = dict(zip(self.segments.axes, self.segments.start_noise, strict=True)) | self._unseen_noise()
         return np.array([size * UNIT[axis + at] for axis, noise in known.items() for at, size in zip((0, 3), noise)])
 
-    def _whitened(self, row: Array, step: float = 1.0) -> Rollout:
+    def _whitened(self, row: Array, pulses: Iterable[Array], step: float = 1.0) -> Rollout:
         """The same with `basis` and `shrink`, from runs of a row that start `step` standard deviations aside."""
         plain = self.motion(row[None])[0]
         moved = [self.motion(row[None], step * offset)[0] for offset in self._start_steps()]
         changes = [(each - plain) / step for each in moved]
-        for pulse in (*gap_pulses(self.segments), *noise_pulses(self.segments)):
+        for pulse in pulses:
             changes.append(self.motion(row[None], commands=(self.segments.commands + pulse)[None])[0] - plain)
         for start in self._start_sd():
             beside = replace(self, motor_start=self.motor_start + STEP * start)
