@@ -13,12 +13,14 @@ from via_controllers.nodes.single import NODES
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_estimators.nodes.estimator import EstimatorNode
+from via_gap.nodes.monitor import MonitorNode
 from via_ros import gate, qos
 from via_ros.conversions import JointStateWriter
 from via_ros.gate import LOSSY, Gate, RenewedSubscription
 
 DEVICE = load_device("qbmove_a")
 NODE_KINDS = {"estimator": EstimatorNode, "excitation": NODES["excitation"]}
+LISTENERS = NODE_KINDS | {"gap_monitor": MonitorNode}
 
 
 @pytest.mark.parametrize("reliable_first", [False, True])
@@ -54,7 +56,7 @@ class Driver:
         peer.create_subscription(
             DiagnosticArray, "/diagnostics", lambda each: self.statuses.extend(each.status), qos.SAMPLES
         )
-        graph.add(NODE_KINDS[kind], device=DEVICE.name)
+        graph.add(LISTENERS[kind], device=DEVICE.name)
         graph.until(lambda: self.samples.get_subscription_count() == 1)
         self.writer = JointStateWriter(DEVICE)
         self.writer.position[:] = 0.1
@@ -86,7 +88,7 @@ def test_missing_motors_are_named_in_the_diagnostics(graph, kind, lacks):
     )
 
 
-@pytest.mark.parametrize("kind", NODE_KINDS)
+@pytest.mark.parametrize("kind", LISTENERS)
 def test_a_best_effort_driver_is_named_in_the_diagnostics(graph, kind):
     Driver(graph, kind, qos_profile_sensor_data).reported(LOSSY)
 

@@ -23,7 +23,7 @@ from via_gap.run.monitor import Monitor
 
 LEAST = 0.01  # probability from which a cause is published
 UNKNOWN = float("nan")
-NONE = Comparison(0.0, UNKNOWN, UNKNOWN, UNKNOWN, (), moves=False)
+NONE = Comparison(0.0, UNKNOWN, UNKNOWN, UNKNOWN, (), moves=False, levels=())
 
 
 def fill_status(message: GapStatus, monitor: Monitor, status: Status, text: str) -> None:
@@ -38,26 +38,29 @@ def fill_status(message: GapStatus, monitor: Monitor, status: Status, text: str)
     message.status = int(status)
     message.method = "nominal model" if monitor.model is monitor.device else "tuned model"
     message.verdict = "" if report is None else report.verdict
-    message.message = text if report is None else f"{text}; {_age(monitor):.0f} s ago: {headline(report)}"
+    message.message = (
+        text if report is None else f"{text}; {_since(monitor, monitor.diagnosed):.0f} s ago: {headline(report)}"
+    )
 
 
 def diagnostics_of(
-    node: Any, message: GapStatus, monitor: Monitor, counters: Mapping[str, str | float]
+    node: Any, message: GapStatus, monitor: Monitor, counters: Mapping[str, str | float], lossy: bool
 ) -> DiagnosticStatus:
-    """The same for /diagnostics, with counters of `node`."""
+    """The same for /diagnostics, with counters of `node`; `lossy`: publishers do not send lost messages again."""
     status = Status(message.status)
     level = DiagnosticStatus.WARN
     if status == Status.BAD_SAMPLE and monitor.comparison is not None:
         level = DiagnosticStatus.STALE
-    elif status == Status.OK and message.verdict in ("", "no_gap"):
+    elif status == Status.OK and message.verdict in ("", "no_gap") and monitor.change is None and not lossy:
         level = DiagnosticStatus.OK
     values: dict[str, str | float] = {
         "status": status.name, "residual ratio [-]": message.residual_ratio, "error [rad]": message.error,
         "normalised error [-]": message.normalised_error,
         "sites": ", ".join(f"{place_name(s.site, s.motor)} {100 * s.share:.0f} %" for s in message.sites),
         "model": message.method, "verdict": message.verdict,
+        "change of the gap [s ago]": UNKNOWN if monitor.change is None else _since(monitor, monitor.change),
         "causes": ", ".join(f"{h.effect.name} {100 * h.probability:.0f} %" for h in message.hypotheses),
-        "age of the diagnosis [s]": UNKNOWN if monitor.report is None else _age(monitor),
+        "age of the diagnosis [s]": UNKNOWN if monitor.report is None else _since(monitor, monitor.diagnosed),
         "diagnosing": monitor.doing, "trouble of the last diagnosis": monitor.trouble,
         "window [s]": monitor.rolling.duration, "samples": monitor.samples, "foreign messages": monitor.foreign,
         "clock ran back": monitor.rolling.restarts, **counters,
@@ -84,9 +87,9 @@ def failure(reason: str) -> DiagnoseGap.Result:
     return DiagnoseGap.Result(message=reason, gap_before=UNKNOWN, gap_after=UNKNOWN, explained=UNKNOWN)
 
 
-def _age(monitor: Monitor) -> float:
-    """[s] from the last sample of the latest diagnosis to the newest one."""
-    return ((monitor.rolling.newest or 0) - monitor.diagnosed) / SECOND
+def _since(monitor: Monitor, stamp: int) -> float:
+    """[s] from a stamp to the newest sample."""
+    return ((monitor.rolling.newest or 0) - stamp) / SECOND
 
 
 def _sites(shares: Sequence[SiteShare] | Sequence[Where]) -> list[SiteMessage]:

@@ -33,9 +33,10 @@ from via_core.errors import ViaError
 from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import GapStatus, VsaCommand
 from via_ros import qos
-from via_ros.conversions import RowReader, nanoseconds, unchecked_command
+from via_ros.conversions import RowReader
+from via_ros.gate import LOSSY, RenewedSubscription
 from via_ros.parameters import declare
-from via_ros.serialised import JointStateDecoder
+from via_ros.serialised import JointStateDecoder, decoded_command
 from via_ros.spin import STEADY, run
 
 from via_gap.nodes.messages import diagnostics_of, failure, fill_status, result_of
@@ -61,8 +62,8 @@ class MonitorNode(Node):
         self._message.header.frame_id = device.name
         self._gap = self.create_publisher(GapStatus, f"{device.name}/gap", qos.CONTROL)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
-        self.create_subscription(JointState, own.joint_topic, self._on_sample, qos.SAMPLES, raw=True)
-        self.create_subscription(VsaCommand, device.command_name, self._on_command, qos.SAMPLES)
+        self._samples = RenewedSubscription(self, JointState, own.joint_topic, self._on_sample, qos.SAMPLES)
+        self._commands = RenewedSubscription(self, VsaCommand, device.command_name, self._on_command, qos.SAMPLES)
         self._server = ActionServer(
             self, DiagnoseGap, "~/diagnose", partial(_conclude, failure("no outcome")),
             goal_callback=self._consider, handle_accepted_callback=self._accept,
@@ -84,8 +85,12 @@ class MonitorNode(Node):
         else:
             self.monitor.foreign += 1
 
-    def _on_command(self, message: VsaCommand) -> None:
-        self.monitor.rolling.command(nanoseconds(message.header.stamp), *unchecked_command(message))
+    def _on_command(self, data: bytes) -> None:
+        decoded = decoded_command(data)
+        if decoded is None:
+            self._broken += 1
+        else:
+            self.monitor.rolling.command(decoded[0], *decoded[1])
 
     def _consider(self, _: DiagnoseGap.Goal) -> GoalResponse:
         if self._goal is None:
@@ -119,6 +124,8 @@ class MonitorNode(Node):
             self.monitor.cancel()
             self._end_goal(failure("cancelled"))
         status, text = self.monitor.compare(now)
+        lossy = self._samples.is_lossy or self._commands.is_lossy
+        text += f"; {LOSSY}" if lossy else ""
         self.monitor.diagnose_if_due(now)
         fill_status(self._message, self.monitor, status, text)
         self._message.sequence = self._ticks
@@ -128,7 +135,7 @@ class MonitorNode(Node):
             "refused goal": self._refusal, "malformed messages": self._broken + self._reader.malformed[0],
             "last tick [ms]": 1e3 * self._cost,
         }  # fmt: skip
-        array = DiagnosticArray(status=[diagnostics_of(self, self._message, self.monitor, counters)])
+        array = DiagnosticArray(status=[diagnostics_of(self, self._message, self.monitor, counters, lossy)])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
         self._cost = time.perf_counter() - begin

@@ -24,6 +24,7 @@ from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array, Indices, Mask
 from via_core.weak_form import window_weights
+from via_sim.effects import Effect
 from via_sim.joint.layout import EXTERNAL, M1, POWER
 from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
@@ -211,15 +212,17 @@ class MissingTorque:
     floor: Array
 
 
-def missing_torque(segments: Segments, device: Device) -> MissingTorque | None:
-    """Missing torque of every equation of `device` that the signals allow to evaluate; None if there is none."""
-    row = JointPlant.from_device(device).at_rate(segments.rate)
+def missing_torque(segments: Segments, device: Device, effects: Sequence[Effect] = ()) -> MissingTorque | None:
+    """Missing torque of every equation of `device` with effects that the signals allow; None if they allow none."""
+    plant = JointPlant.from_device(device)
+    row = plant.at_rate(segments.rate)
     try:
         windows = windows_of(segments, row)
     except SignalError:
         return None
     view = InverseDynamics(segments, np.arange(len(segments)), row, windows)
-    missing = view.torques(view.residual(row[None])[0]).swapaxes(1, 2).reshape(-1, len(windows.axes))
+    full = plant.with_effects(effects).at_rate(segments.rate)
+    missing = view.torques(view.residual(full[None])[0]).swapaxes(1, 2).reshape(-1, len(windows.axes))
     return MissingTorque(windows.axes, view.middle.ravel(), missing, windows.floor)
 
 

@@ -17,7 +17,7 @@ same way.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
@@ -28,7 +28,6 @@ from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 
-from via_gap.residual.command_gaps import gap_pulses
 from via_gap.residual.legs import Leg, Runs, divided, motion_in_bins, runs_of, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import (
@@ -41,7 +40,7 @@ from via_gap.residual.memory import (
     write_history,
 )
 from via_gap.residual.segments import START, Segments, binned
-from via_gap.residual.torque_noise import noise_pulses
+from via_gap.residual.torque_noise import command_pulses
 from via_gap.residual.true_starts import Starts, correct, without_parts
 from via_gap.residual.unseen import UnseenMotors
 
@@ -96,12 +95,21 @@ class Rollout:
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> Rollout:
-        n, size = len(chosen), segments.measured.shape[1] * len(segments.axes)
-        starts = np.zeros(6), np.zeros((n, 6)), np.zeros((n, size))
-        made = Rollout(segments, chosen, np.empty(0), np.empty(0), segments.ticks, *starts)._whitened(segments.nominal)
+        made = Rollout._plain(segments, chosen)._whitened(segments.nominal, command_pulses(segments))
         if segments.rests or not made._unseen:
             return made
-        return made._with_estimated_start()._whitened(segments.nominal)
+        return made._with_estimated_start()._whitened(segments.nominal, command_pulses(segments))
+
+    @staticmethod
+    def by_starts(segments: Segments, chosen: Indices) -> Rollout:
+        """The same with fewer runs: noise of torques and gaps in the commands count as errors."""
+        return Rollout._plain(segments, chosen)._whitened(segments.nominal, ())
+
+    @staticmethod
+    def _plain(segments: Segments, chosen: Indices) -> Rollout:
+        n, size = len(chosen), segments.measured.shape[1] * len(segments.axes)
+        starts = np.zeros(6), np.zeros((n, 6)), np.zeros((n, size))
+        return Rollout(segments, chosen, np.empty(0), np.empty(0), segments.ticks, *starts)
 
     def at_likely_starts(self, row: Array) -> Rollout:
         """The same, linearised about the most likely start of each segment under a row (N_PARAMETERS,)."""
@@ -114,7 +122,7 @@ class Rollout:
             return measured._errors(measured.motion(row[None], amounts @ steps))[0]
 
         amounts, slopes = likely_starts(errors, len(self.chosen), len(steps))
-        moved = replace(self, shift=amounts @ steps)._whitened(row, STEP)
+        moved = replace(self, shift=amounts @ steps)._whitened(row, command_pulses(self.segments), STEP)
         return replace(moved, back=-np.einsum("crk,ck->cr", slopes, amounts))
 
     def part(self, which: Indices) -> Rollout:
@@ -332,12 +340,12 @@ class Rollout:
         known = dict(zip(self.segments.axes, self.segments.start_noise, strict=True)) | self._unseen_noise()
         return np.array([size * UNIT[axis + at] for axis, noise in known.items() for at, size in zip((0, 3), noise)])
 
-    def _whitened(self, row: Array, step: float = 1.0) -> Rollout:
+    def _whitened(self, row: Array, pulses: Iterable[Array], step: float = 1.0) -> Rollout:
         """The same with `basis` and `shrink`, from runs of a row that start `step` standard deviations aside."""
         plain = self.motion(row[None])[0]
         moved = [self.motion(row[None], step * offset)[0] for offset in self._start_steps()]
         changes = [(each - plain) / step for each in moved]
-        for pulse in (*gap_pulses(self.segments), *noise_pulses(self.segments)):
+        for pulse in pulses:
             changes.append(self.motion(row[None], commands=(self.segments.commands + pulse)[None])[0] - plain)
         for start in self._start_sd():
             beside = replace(self, motor_start=self.motor_start + STEP * start)

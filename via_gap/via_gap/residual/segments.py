@@ -313,7 +313,8 @@ def _aligned(log: JointLog, rate: float) -> float:
 def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Mask, Mask, Array]:
     """Angles (T, a) [rad] on the grid; whether hidden (T,), and whether a sample is lost (T, a).
 
-    Last the interpolation weights (T, a, 4) of the samples in these angles.
+    Last the interpolation weights (T, a, 4) of the samples in these angles. Before the first and after the last
+    measurement of an axis its angle is not known either.
     """
     values = np.empty((len(grid), len(axes)))
     hidden, lost = np.zeros(len(grid), dtype=bool), np.zeros(values.shape, dtype=bool)
@@ -327,8 +328,9 @@ def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Mas
         after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
         span = time[after] - time[after - 1]
         beside = np.minimum(np.abs(time[after] - grid), np.abs(grid - time[after - 1]))
-        hidden |= span > HIDDEN * period
-        lost[:, i] = (span > LOST * period) & (beside > 0.25 * min(period, grid[1] - grid[0]))
+        outside = (grid < time[0]) | (grid > time[-1])
+        hidden |= np.where(outside, beside, span) > HIDDEN * period
+        lost[:, i] = (outside | (span > LOST * period)) & (beside > 0.25 * min(period, grid[1] - grid[0]))
     return values, hidden, lost, weights
 
 

@@ -16,9 +16,16 @@ from collections.abc import Iterator
 import numpy as np
 from via_core.signals import Array
 
+from via_gap.residual.command_gaps import gap_pulses
 from via_gap.residual.segments import Segments
 
 PIECES = 64  # of a segment at most: errors within a piece average out
+
+
+def command_pulses(segments: Segments) -> Iterator[Array]:
+    """All errors (T, N_COMMANDS) of the commands, one standard deviation each: in their gaps, and by torque noise."""
+    yield from gap_pulses(segments)
+    yield from noise_pulses(segments)
 
 
 def noise_pulses(segments: Segments) -> Iterator[Array]:

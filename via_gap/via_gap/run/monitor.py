@@ -9,7 +9,9 @@ for event in monitor.poll():            # progress of that diagnosis, then its r
 status, text = monitor.compare(now)     # results: monitor.comparison, monitor.report
 monitor.diagnose_if_due(now)            # starts a diagnosis of the whole window every now and then
 
-Times `now` are seconds of a steady clock. A report's fitted device parameters replace those of the model.
+Times `now` are seconds of a steady clock. A report's fitted device parameters replace those of the model. From then on
+every comparison also tests whether the gap is still that of the report (`via_gap.run.change`). Automatic diagnoses
+never mix motion before and after a change: the next one waits for `least` seconds of motion after it.
 """
 
 from __future__ import annotations
@@ -24,12 +26,15 @@ from via_core.errors import ParameterError, SignalError, ViaError
 from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.status import Status
+from via_core.wire import SECOND
+from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 
 from via_gap.logs.log import JointLog
 from via_gap.logs.rolling import RollingLog, columns_of
 from via_gap.report.report import GapReport, read_report
 from via_gap.residual.residual_model import ResidualModel
+from via_gap.run.change import Expectation
 from via_gap.run.comparison import Comparator, Comparison, warm_up
 from via_gap.run.worker import Failed, Finished, Job, Progress, Worker
 
@@ -60,6 +65,7 @@ class Monitor:
     model       the device, with the fitted parameters of the last report
     comparison  the latest comparison; None where there is none
     report      the latest report on the live window, `diagnosed` [ns] the stamp of its last sample
+    change      [ns] stamp of the sample at which the gap was found to have changed since that report; None: it has not
     doing       stage of the diagnosis under way; '': none
     trouble     why the last automatic diagnosis failed
     samples     number of samples so far, `foreign` of messages about other devices
@@ -76,11 +82,14 @@ class Monitor:
         self.comparison: Comparison | None = None
         self.report: GapReport | None = None
         self.diagnosed = 0
+        self.change: int | None = None
         self.doing = self.trouble = ""
         self.samples = self.foreign = 0
         self._comparator = Comparator()
         self._requested = self._from_file = False  # whether the diagnosis under way was requested, of a file
-        self._stamp = 0  # [ns] of the last sample of the diagnosis under way
+        self._log: JointLog | None = None  # of the diagnosis under way
+        self._begin = self._stamp = 0  # [ns] of its first and last sample
+        self._expected: Expectation | None = None  # levels of the residual in the motion of the report
         self._restarts = self._compared = 0  # restarts of the clock handled, samples at the last comparison
         self._received = self._due = float("-inf")  # [s] last sample, next automatic diagnosis
 
@@ -148,34 +157,64 @@ class Monitor:
             try:
                 log = self.rolling.log(LIVE, recent)
                 assert log is not None
-                self.comparison = self._comparator.compare(log, self.model)
+                self.comparison = self._comparator.compare(log, self.model, self._effects)
             except ViaError as error:
                 self.comparison = None
                 return Status.BAD_SAMPLE, str(error)
+            self._look_for_change(self.comparison)
         if self.comparison is None:
             return Status.BAD_SAMPLE, self.trouble or "no comparison was possible"
         if not self.comparison.moves:
             return Status.NOT_EXCITED, "the link does not move"
-        text = f"the residual of the equations is {self.comparison.residual_ratio:.3g} times the noise"
-        if self.comparison.sites:
-            text += f", most of it at the {self.comparison.sites[0].site}"
-        return Status.OK, text
+        return Status.OK, self._words(self.comparison)
+
+    def _words(self, found: Comparison) -> str:
+        """A comparison in one sentence."""
+        text = f"the residual of the equations is {found.residual_ratio:.3g} times the noise"
+        if np.isnan(found.residual_ratio):
+            text = f"these signals allow no equation; the simulated link is off by {found.error:.2g} rad"
+        elif found.sites:
+            text += f", most of it at the {found.sites[0].site}"
+        if self.change is not None:
+            ago = ((self.rolling.newest or 0) - self.change) / SECOND
+            text = f"the gap has changed {ago:.0f} s ago, since the last diagnosis: {text}"
+        return text
+
+    @property
+    def _effects(self) -> tuple[Effect, ...]:
+        """Those that the last report names."""
+        return () if self.report is None else self.report.repair()
+
+    def _look_for_change(self, found: Comparison) -> None:
+        """Note a change of the gap; a diagnosis of motion before and after it would mix two joints."""
+        if self.change is not None or self._expected is None or not found.moves:
+            return
+        if self._expected.exceeded(np.array(found.levels), 1.0 / self._parameters.rate):
+            self.change, self._due = self.rolling.newest, float("-inf")
+            if self.worker.busy and not self._requested:
+                self.cancel()
 
     def diagnose_if_due(self, now: float) -> None:
         """Start an automatic diagnosis of the whole window, if it is time for one and the joint moves."""
         own = self._parameters
         moves = self.comparison is not None and self.comparison.moves and not self._stale(now)
-        enough = self.rolling.duration >= min(own.least, own.window)
+        enough = self._unchanged >= min(own.least, own.window)
         if own.every == 0.0 or self.worker.busy or now < self._due or not (moves and enough):
             return
         self._due = now + own.every
         try:
-            log = self._window()
+            log = self._window(self._unchanged)
         except ViaError as error:
             self.trouble = str(error)
             return
         self.doing, self.trouble = "starting", ""
         self.worker.begin(Job(self.device, log))
+
+    @property
+    def _unchanged(self) -> float:
+        """[s] of the window after the last change of the gap."""
+        duration = self.rolling.duration
+        return duration if self.change is None else min(duration, ((self.rolling.newest or 0) - self.change) / SECOND)
 
     def _stale(self, now: float) -> bool:
         return now - self._received > STALE
@@ -193,7 +232,8 @@ class Monitor:
         log = self.rolling.log(LIVE, seconds)
         if log is None:
             raise SignalError(f"no samples of '{self.device.name}' yet on {self._joint_topic}")
-        self._stamp = self.rolling.newest or 0
+        self._log, self._stamp = log, self.rolling.newest or 0
+        self._begin = self._stamp - round(log.duration * SECOND)
         return log
 
     def _finish(self, event: Finished | Failed) -> Failed | GapReport:
@@ -207,13 +247,25 @@ class Monitor:
         if not of_file:
             self.report, self.diagnosed = report, self._stamp
             self.model = fitted_device(self.device, report)
+            self._expect()
         return report
+
+    def _expect(self) -> None:
+        """Learn what the model of the report leaves of the motion that was diagnosed."""
+        assert self._log is not None
+        if self.change is not None and self._begin < self.change:
+            return  # a requested diagnosis that includes motion before the change
+        try:
+            levels = self._comparator.compare(self._log, self.model, self._effects).levels
+        except ViaError:
+            levels = ()
+        self.change, self._expected = None, Expectation.of(np.array(levels))
 
     def _restart(self) -> None:
         """The clock ran backward: earlier results belong to another run."""
         self._restarts = self.rolling.restarts
         self.report, self.model, self.comparison, self._due = None, self.device, None, float("-inf")
-        self._comparator = Comparator()
+        self._comparator, self.change, self._expected = Comparator(), None, None
         if self.worker.busy and not self._requested:
             self.cancel()
 
