@@ -13,7 +13,7 @@ from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import log_noise
 from via_gap.run.comparison import Comparator, compare, warm_up
-from via_gap.run.monitor import fitted_device
+from via_gap.run.fitted import fitted_device
 from via_gap.run.worker import Failed, Finished, Job, Progress, Worker
 from via_sim.effects import Effect
 

@@ -49,6 +49,10 @@ class RollingLog:
         """[ns] latest stamp of a sample; None before the first."""
         return self._samples.newest
 
+    def age(self, stamp: int) -> float:
+        """[s] from a stamp [ns] to that of the newest sample."""
+        return ((self.newest or 0) - stamp) / SECOND
+
     @property
     def duration(self) -> float:
         """[s] from the oldest to the newest sample."""

@@ -7,7 +7,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from via_core.status import Status
-from via_core.wire import SECOND
 from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import Effect, EffectHypothesis, GapStatus
 from via_interfaces.msg import SiteShare as SiteMessage
@@ -39,7 +38,7 @@ def fill_status(message: GapStatus, monitor: Monitor, status: Status, text: str)
     message.method = "nominal model" if monitor.model is monitor.device else "tuned model"
     message.verdict = "" if report is None else report.verdict
     message.message = (
-        text if report is None else f"{text}; {_since(monitor, monitor.diagnosed):.0f} s ago: {headline(report)}"
+        text if report is None else f"{text}; {monitor.rolling.age(monitor.diagnosed):.0f} s ago: {headline(report)}"
     )
 
 
@@ -58,9 +57,9 @@ def diagnostics_of(
         "normalised error [-]": message.normalised_error,
         "sites": ", ".join(f"{place_name(s.site, s.motor)} {100 * s.share:.0f} %" for s in message.sites),
         "model": message.method, "verdict": message.verdict,
-        "change of the gap [s ago]": UNKNOWN if monitor.change is None else _since(monitor, monitor.change),
+        "change of the gap [s ago]": UNKNOWN if monitor.change is None else monitor.rolling.age(monitor.change),
         "causes": ", ".join(f"{h.effect.name} {100 * h.probability:.0f} %" for h in message.hypotheses),
-        "age of the diagnosis [s]": UNKNOWN if monitor.report is None else _since(monitor, monitor.diagnosed),
+        "age of the diagnosis [s]": UNKNOWN if monitor.report is None else monitor.rolling.age(monitor.diagnosed),
         "diagnosing": monitor.doing, "trouble of the last diagnosis": monitor.trouble,
         "window [s]": monitor.rolling.duration, "samples": monitor.samples, "foreign messages": monitor.foreign,
         "clock ran back": monitor.rolling.restarts, **counters,
@@ -85,11 +84,6 @@ def result_of(report: GapReport) -> DiagnoseGap.Result:
 def failure(reason: str) -> DiagnoseGap.Result:
     """The result of a goal that ended without a report."""
     return DiagnoseGap.Result(message=reason, gap_before=UNKNOWN, gap_after=UNKNOWN, explained=UNKNOWN)
-
-
-def _since(monitor: Monitor, stamp: int) -> float:
-    """[s] from a stamp to the newest sample."""
-    return ((monitor.rolling.newest or 0) - stamp) / SECOND
 
 
 def _sites(shares: Sequence[SiteShare] | Sequence[Where]) -> list[SiteMessage]:

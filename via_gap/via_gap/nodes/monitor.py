@@ -28,7 +28,6 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import GapStatus, VsaCommand
@@ -50,7 +49,7 @@ class MonitorNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__("gap_monitor", **options)
         own = declare(self, MonitorParameters, changed=lambda parameters: self.monitor.changed(parameters))
-        device = load_device(own.device)
+        device = own.described()
         self.monitor = Monitor(device, own, self.resolve_topic_name(own.joint_topic))
         self._reader = RowReader([(device, self.monitor.columns)])
         self._decoder = JointStateDecoder()

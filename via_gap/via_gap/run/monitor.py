@@ -21,21 +21,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from via_core.devices import Device
+from via_core.devices import Device, load_device
 from via_core.errors import ParameterError, SignalError, ViaError
 from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.status import Status
-from via_core.wire import SECOND
-from via_sim.effects import Effect
-from via_sim.plants import JointPlant
 
 from via_gap.logs.log import JointLog
 from via_gap.logs.rolling import RollingLog, columns_of
 from via_gap.report.report import GapReport, read_report
-from via_gap.residual.residual_model import ResidualModel
 from via_gap.run.change import Expectation
 from via_gap.run.comparison import Comparator, Comparison, warm_up
+from via_gap.run.fitted import fitted_device
 from via_gap.run.worker import Failed, Finished, Job, Progress, Worker
 
 STALE = 0.5  # [s] without a sample after which samples count as missing
@@ -54,6 +51,10 @@ class MonitorParameters:
     least: float = parameter(8.0, "time that suffices for a first diagnosis", "s", (1.0, 600.0), live=True)
     own_effects: str = parameter("", "modules or files that add effects, separated by commas; their code is executed")
     every: float = parameter(20.0, "period of automatic diagnoses; 0: only on request", "s", (0.0, 86400.0), live=True)
+
+    def described(self) -> Device:
+        """The device. Raises ParameterError if there is none of this name, or its file is wrong."""
+        return load_device(self.device)
 
 
 class Monitor:
@@ -88,7 +89,7 @@ class Monitor:
         self._comparator = Comparator()
         self._requested = self._from_file = False  # whether the diagnosis under way was requested, of a file
         self._log: JointLog | None = None  # of the diagnosis under way
-        self._begin = self._stamp = 0  # [ns] of its first and last sample
+        self._stamp = 0  # [ns] of its last sample
         self._expected: Expectation | None = None  # levels of the residual in the motion of the report
         self._restarts = self._compared = 0  # restarts of the clock handled, samples at the last comparison
         self._received = self._due = float("-inf")  # [s] last sample, next automatic diagnosis
@@ -157,7 +158,8 @@ class Monitor:
             try:
                 log = self.rolling.log(LIVE, recent)
                 assert log is not None
-                self.comparison = self._comparator.compare(log, self.model, self._effects)
+                known = () if self.report is None else self.report.repair()
+                self.comparison = self._comparator.compare(log, self.model, known)
             except ViaError as error:
                 self.comparison = None
                 return Status.BAD_SAMPLE, str(error)
@@ -176,14 +178,9 @@ class Monitor:
         elif found.sites:
             text += f", most of it at the {found.sites[0].site}"
         if self.change is not None:
-            ago = ((self.rolling.newest or 0) - self.change) / SECOND
+            ago = self.rolling.age(self.change)
             text = f"the gap has changed {ago:.0f} s ago, since the last diagnosis: {text}"
         return text
-
-    @property
-    def _effects(self) -> tuple[Effect, ...]:
-        """Those that the last report names."""
-        return () if self.report is None else self.report.repair()
 
     def _look_for_change(self, found: Comparison) -> None:
         """Note a change of the gap; a diagnosis of motion before and after it would mix two joints."""
@@ -214,7 +211,7 @@ class Monitor:
     def _unchanged(self) -> float:
         """[s] of the window after the last change of the gap."""
         duration = self.rolling.duration
-        return duration if self.change is None else min(duration, ((self.rolling.newest or 0) - self.change) / SECOND)
+        return duration if self.change is None else min(duration, self.rolling.age(self.change))
 
     def _stale(self, now: float) -> bool:
         return now - self._received > STALE
@@ -233,7 +230,6 @@ class Monitor:
         if log is None:
             raise SignalError(f"no samples of '{self.device.name}' yet on {self._joint_topic}")
         self._log, self._stamp = log, self.rolling.newest or 0
-        self._begin = self._stamp - round(log.duration * SECOND)
         return log
 
     def _finish(self, event: Finished | Failed) -> Failed | GapReport:
@@ -247,16 +243,18 @@ class Monitor:
         if not of_file:
             self.report, self.diagnosed = report, self._stamp
             self.model = fitted_device(self.device, report)
-            self._expect()
+            self._expect(report)
         return report
 
-    def _expect(self) -> None:
+    def _expect(self, report: GapReport) -> None:
         """Learn what the model of the report leaves of the motion that was diagnosed."""
         assert self._log is not None
-        if self.change is not None and self._begin < self.change:
+        if self.change is not None and self._log.duration > self.rolling.age(self.change) - self.rolling.age(
+            self._stamp
+        ):
             return  # a requested diagnosis that includes motion before the change
         try:
-            levels = self._comparator.compare(self._log, self.model, self._effects).levels
+            levels = self._comparator.compare(self._log, self.model, report.repair()).levels
         except ViaError:
             levels = ()
         self.change, self._expected = None, Expectation.of(np.array(levels))
@@ -268,10 +266,3 @@ class Monitor:
         self._comparator, self.change, self._expected = Comparator(), None, None
         if self.worker.busy and not self._requested:
             self.cancel()
-
-
-def fitted_device(device: Device, report: GapReport) -> Device:
-    """The device with the parameters that a diagnosis fitted inside their tolerances."""
-    found = {each.name: each.offset for each in report.nuisance}
-    model = ResidualModel.of_plant(JointPlant.from_device(device))
-    return model.repaired(np.array([found.get(each.name, 0.0) for each in model.nuisances]))
