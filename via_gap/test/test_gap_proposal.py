@@ -5,6 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, servo, wrong_plant
+from via_controllers.contract import JointSample
+from via_controllers.joint_methods import ExcitationParameters
 from via_core.bags.reader import read_bag
 from via_core.command_files import read_motion
 from via_core.devices import Device, load_device
@@ -19,6 +21,7 @@ from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValu
 from via_gap.residual.nuisance import nuisances
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
+from via_sim.simulate import Simulator
 
 COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
 STRIBECK = Effect("stribeck_friction", "motor", {"breakaway": 0.045, "kinetic": 0.03, "velocity": 0.05}, 1)
@@ -72,6 +75,23 @@ def test_the_motion_breaks_the_tie(truth, tie):
     report = diagnose([log_of(device, (truth,), seed=41, duration=6.0), answer], device)
     assert report.verdict == "effect"
     assert [place.effect for place in report.equivalence_set] == [truth.name]
+
+
+def test_a_joint_with_a_torque_that_the_report_lacks_is_led_through_the_motion(tmp_path):
+    device, proposed = flexible(), proposed_for("two frictions")
+    write_motion(tmp_path / "motion.csv", device, proposed.commands, proposed.reference)
+    player = ExcitationParameters(commands=str(tmp_path / "motion.csv")).of(device)
+    plant = JointPlant.from_device(device).with_effects([COULOMB, Effect("torque_bias", "motor", {"torque": 0.05}, 1)])
+    simulator = Simulator(plant, rate_of(device))
+    state, memory = simulator.init(), player.supervisor.init()
+    angles, measured = np.zeros(len(proposed.commands)), simulator.sample(simulator.init())[0]
+    for k in range(len(angles)):
+        angles[k] = measured[1]
+        sample = JointSample(k / rate_of(device), float(measured[0]), measured[1:2].copy())
+        memory, answer = player.supervisor.step(memory, sample, True)
+        state, measured, _ = simulator.step(state, [*answer.torque, 0.0, 0.0, 0.0])
+    assert np.max(np.abs(angles - proposed.reference[:, 0])) < 0.02
+    np.testing.assert_allclose(proposed.reference[[0, -1]], 0.0, atol=0.05)
 
 
 def test_what_is_the_same_torque_in_every_motion_is_said_to_be():

@@ -13,6 +13,7 @@ from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_gap.design.excite import Effort, Goal
 from via_gap.design.excite_design import Designed, Settings, design
+from via_gap.design.motion_file import references
 from via_gap.design.observed import torque_noise_of
 
 from via_bringup.cli.console import answers, table, working
@@ -62,9 +63,8 @@ def excite(
     with working(f"designing a motion of {described.name}") as progress:
         found = design(described, goal, settings, lambda text: progress(text, float("nan")))
     _print(found, noise)
-    references = {f"reference_{i + 1}": column for i, column in enumerate(found.commanded.reference.T)}
     commands = found.commanded.commands
-    write_table(path, commands.time, columns_of(commands) | references)
+    write_table(path, commands.time, columns_of(commands) | references(found.commanded.reference))
     answers.print(f"wrote {path}")
     save(json_file, json.dumps(finite(_document(found, noise)), indent=1))
 

@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 from via_core.devices import load_device
 from via_core.text_files import write_text
-from via_gap.design.commands import RANGE
+from via_gap.design.commands import RANGE, angles_under
 from via_gap.design.motion_file import write_motion
 from via_gap.design.proposal import general_motion, propose
+from via_sim.plants import JointPlant
 
 from via_bringup.cli.console import answers, working
 from via_bringup.cli.options import OwnEffects, saved_report
@@ -39,12 +40,12 @@ def propose_motion(
         answers.print("nothing to decide: the report has no tied causes that a motion within the limits separates")
         if out is not None:
             motion, commands = general_motion(described, reach)
-            write_motion(out, described, commands)
+            write_motion(out, described, commands, angles_under(JointPlant.from_device(described), commands))
             answers.print(f"wrote {out}: '{motion.name}', which tests the model at many speeds")
         return
     answers.print(found.text)
     if out is not None:
-        write_motion(out, described, found.commands)
+        write_motion(out, described, found.commands, found.reference)
         answers.print(f"wrote {out}")
         completed = saved.model_copy(update={"proposal": found.summary(described.name, str(out))})
         write_text(report, completed.to_json())

@@ -79,6 +79,18 @@ def following(plant: JointPlant, wanted: Array, equilibrium: Array, start: Array
     return torque
 
 
+def angles_under(plant: JointPlant, commands: Signals) -> Array | None:
+    """Motor angles (N, m) [rad] of a plant at rest under torque commands; None without motors that take torques.
+
+    A player follows them by feedback (`via_controllers.joints.played_commands`): torques alone let motors drift.
+    """
+    if "motor" not in commands:
+        return None
+    rate = rate_of(plant.device)
+    run = simulate(plant, commands, len(commands) / rate, rate, Sensors.of_device(plant.device))
+    return np.asarray(run.truth.resample(commands.time)["theta"])
+
+
 def recorded(plant: JointPlant, commands: Signals, start: Array, seed: int) -> JointLog | None:
     """What the device's sensors would record of a plant under these commands; None if it diverges."""
     device = plant.device

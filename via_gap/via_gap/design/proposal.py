@@ -19,7 +19,7 @@ from via_core.signals import Array, Signals
 from via_sim.plants import JointPlant
 
 from via_gap.candidates.location import Location
-from via_gap.design.commands import RANGE, all_within_limits, commands_of
+from via_gap.design.commands import RANGE, all_within_limits, angles_under, commands_of
 from via_gap.design.imitation import TiedCause
 from via_gap.design.motions import DURATION, MOTIONS, Motion
 from via_gap.logs.noise import log_noise
@@ -38,6 +38,7 @@ class Proposed:
     """A motion, its commands, and what it is expected to show.
 
     commands      held: motor (N, m) [N m]; of servos equilibrium, preset [rad], damping [-]; rigid: external_torque
+    reference     (N, m) [rad] motor angles under them with the likeliest cause; None without torque motors
     size          [rad] largest motor angle
     pair          the causes that are hardest to separate
     disagreement  [-] root mean square difference of their predictions, in units of the noise
@@ -47,6 +48,7 @@ class Proposed:
     motion: Motion
     size: float
     commands: Signals
+    reference: Array | None
     separates: tuple[Location, ...]
     pair: tuple[Location, Location]
     disagreement: float
@@ -183,4 +185,5 @@ def _tried(
         if score < hardest:
             hardest, pair = score, (true.location, other.location)
             apart = float(np.sqrt(max(float(np.mean(wrong) - np.mean(own)), 0.0)))
-    return Proposed(motion, size, commands, tuple(c.location for c in causes), pair, apart, hardest)
+    reference = angles_under(plants[0], commands)
+    return Proposed(motion, size, commands, reference, tuple(c.location for c in causes), pair, apart, hardest)

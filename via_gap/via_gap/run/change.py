@@ -55,9 +55,9 @@ class Expectation:
         if not len(levels):
             return False
         own, expected = self._correlated(len(levels)), self._correlated(self.count)
-        error = self.sd * sqrt(own / len(levels) + expected / self.count)
+        scale = self.sd * sqrt(own / len(levels) + expected / self.count)
         freedom = max(self.count / expected - 1.0, 1.0)
-        return bool(levels.mean() - self.mean > error * student.isf(period / DAY, freedom))
+        return bool(levels.mean() - self.mean > scale * student.isf(period / DAY, freedom))
 
     def _correlated(self, count: int) -> float:
         """C of so many levels."""
