@@ -20,6 +20,7 @@ COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
 BACKLASH = Effect("backlash", "transmission", {"gap": 0.02}, 1)
 LINK = Effect("coulomb_friction", "link", {"torque": 0.02})
 PAYLOAD = Effect("payload", "link", {"mass": 0.3, "distance": 0.2})
+DEAD_ZONE = Effect("dead_zone", "motor", {"width": 0.15}, 1)
 RIPPLE = Effect("torque_ripple", "motor", {"amplitude": 0.05, "order": 7.0, "phase": 0.3}, 1)
 
 
@@ -120,6 +121,14 @@ def test_a_payload_is_named_with_the_product_that_its_log_shows():
     found = {name: value.value for name, value in report.causes[0].parameters.items()}
     assert found["mass"] * found["distance"] == pytest.approx(0.3 * 0.2, rel=0.1)
     assert report.explained > 0.95
+
+
+def test_a_dead_zone_is_one_cause():
+    """Without it in the catalogue, torque gain, deadband and friction together imitated it."""
+    log = log_of(rigid(), (DEAD_ZONE,), seed=3, duration=10.0)
+    report = diagnose([log], log.device)
+    assert (report.verdict, [place.effect for place in report.effects]) == ("effect", ["dead_zone"])
+    assert report.causes[0].parameters["width"].value == pytest.approx(0.15, rel=0.05)
 
 
 def test_ripple_of_a_motor_that_turns_evenly_is_found_by_the_torque_it_needs():
