@@ -12,7 +12,7 @@ from via_validation.exports.exported import exported
 from via_validation.exports.reading import read_all
 from via_validation.exports.sources import sealed_sources
 
-SEEDS = {"20519": "coulomb_friction", "20009": "quadratic_drag"}  # clean, good recordings of rigid joints
+SEEDS = {"22247": "coulomb_friction", "20660": "quadratic_drag"}  # clean, good recordings of rigid joints
 
 
 @pytest.mark.timeout(600)  # [s] six processes, each of which compiles or loads the simulators anew
