@@ -71,9 +71,8 @@ def test_rivals_get_the_same_terms():
     assert [tuple(each.effects[0].parameters) for each in found[: len(found) // 2]] == [
         tuple(each.effects[0].parameters) for each in found[len(found) // 2 :]
     ]
-    assert (
-        len(found) == 2 * len(with_further_terms(model, [simple, replace(simple, loss=3.0 * simple.loss)], scales)) > 0
-    )
+    far = replace(simple, loss=3.0 * simple.loss)
+    assert len(found) == 2 * len(with_further_terms(model, [simple, far], scales)) > 0
 
 
 def test_without_further_terms_they_explain_no_more():

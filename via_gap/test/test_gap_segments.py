@@ -9,7 +9,8 @@ from via_core.errors import SignalError
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog, believed
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import cut_log
+from via_gap.residual.segments import binned, cut_log
+from via_gap.residual.true_starts import without_parts
 from via_gap.selection.holdout import split
 from via_sim.effects import Effect
 
@@ -178,3 +179,23 @@ def test_a_log_that_begins_slowly_does_not_begin_at_rest():
     channels = {name: values[later] for name, values in log.measured.channels.items()}
     moving = cut_log(replace(log, measured=Signals(log.measured.time[later], channels, log.measured.units)))
     assert not moving.rests and not moving.valid[0] and moving.valid[1:].all()
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_angles_are_compared_per_bin_by_their_mean_or_the_last_one(every):
+    angles = np.random.default_rng(1).normal(size=(3, 15, 2))  # the start, and 14 ticks
+    ticks = [range(1 + bin * every, 1 + (bin + 1) * every) for bin in range(14 // every)]
+    mean, last = (binned(angles, every, averaged) for averaged in (True, False))
+    np.testing.assert_allclose(mean, np.stack([angles[:, each].mean(axis=1) for each in ticks], axis=1))
+    np.testing.assert_array_equal(last, np.stack([angles[:, each[-1]] for each in ticks], axis=1))
+
+
+def test_what_uncertain_starts_explain_is_removed_column_by_column():
+    random = np.random.default_rng(2)
+    error, shrink = random.normal(size=(2, 3, 5)), random.uniform(size=(3, 2))
+    basis = np.linalg.qr(random.normal(size=(3, 5, 2)))[0]
+    expected = error.copy()
+    for row, segment, k in np.ndindex(2, 3, 2):
+        column = basis[segment, :, k]
+        expected[row, segment] -= shrink[segment, k] * (column @ error[row, segment]) * column
+    np.testing.assert_allclose(without_parts(error, basis, shrink), expected, atol=1e-12)

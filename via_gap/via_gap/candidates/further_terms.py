@@ -1,8 +1,9 @@
-"""The best fits, repeated with the further terms that some effects have (`EffectKind.further`).
+"""The best fits, repeated with more terms of their effects.
 
-Friction of a gear also depends on the torque from its other side, and is larger near standstill. A joint that rests
-under a load shows these terms; without them the simulated joint creeps. Terms are tried in every fit that may be the
-answer: with more terms in one of two rivals, it would win by them.
+A periodic effect has several orders (periodic.py), others have further terms (`EffectKind.further`). Friction of a gear
+also depends on the torque from its other side, and is larger near standstill. A joint that rests under a load shows
+these terms; without them the simulated joint creeps. Terms are tried in every fit that may be the answer: with more
+terms in one of two rivals, it would win by them.
 """
 
 from __future__ import annotations

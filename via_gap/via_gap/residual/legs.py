@@ -11,11 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 from via_core.signals import Array, Indices, Mask
-from via_sim.joint.compiled import compiled
 from via_sim.lockstep.pack import LANES
 from via_sim.lockstep.run import run_many
 
@@ -131,22 +129,3 @@ def _compute(legs: Sequence[Leg]) -> None:
                 here = (own >= block.start) & (own < block.stop)
                 leg.states[here] = states[own[here]]
                 leg.moved[here] = moved[own[here] - block.start, : leg.ticks + 1]
-
-
-@compiled
-def motion_in_bins(moved: Array, axes: Any, every: int, averaged: bool) -> Array:
-    """Angles of `axes` (a,) in motion (n, ticks + 1, .) as `segments.binned` of them: (n, b, a)."""
-    bins = (moved.shape[1] - 1) // every
-    out = np.empty((len(moved), bins, len(axes)))
-    for n in range(len(moved)):
-        for b in range(bins):
-            last = (b + 1) * every
-            for a in range(len(axes)):
-                if averaged:
-                    total = 0.0
-                    for tick in range(last - every + 1, last + 1):
-                        total += moved[n, tick, axes[a]]
-                    out[n, b, a] = total / every
-                else:
-                    out[n, b, a] = moved[n, last, axes[a]]
-    return out

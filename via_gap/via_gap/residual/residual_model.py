@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -183,14 +184,14 @@ class ResidualModel:
         found: dict[int, T] = {}
         asked: dict[int, Sequence[Array]] = {}
 
-        def go_on(number: int, residual: Array | None) -> None:
+        def go_on(number: int, step: Callable[[], Sequence[Array]]) -> None:
             try:
-                asked[number] = asking[number].send(residual)  # type: ignore[arg-type]
+                asked[number] = step()
             except StopIteration as end:
                 found[number] = end.value
 
-        for number in range(len(asking)):
-            go_on(number, None)
+        for number, each in enumerate(asking):
+            go_on(number, partial(next, each))
         while asked:
             together: dict[int, Sequence[Array]] = {}
             while asked and (not together or sum(map(len, together.values())) < MOST_ROWS):
@@ -199,7 +200,7 @@ class ResidualModel:
             residuals = self.residual([row for rows in together.values() for row in rows])
             ends = np.cumsum([len(rows) for rows in together.values()])
             for number, own in zip(together, np.split(residuals, ends[:-1]), strict=True):
-                go_on(number, own)
+                go_on(number, partial(asking[number].send, own))
         return [found[number] for number in range(len(asking))]
 
     def nuisance_jacobian(self, effects: Sequence[Effect], offsets: Array, residual: Array) -> Array:

@@ -28,7 +28,7 @@ from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 
-from via_gap.residual.legs import Leg, Runs, divided, motion_in_bins, runs_of, simulate
+from via_gap.residual.legs import Leg, Runs, divided, runs_of, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import (
     HELD,
@@ -239,7 +239,7 @@ class Rollout:
     def _legs(self, inputs: _Inputs, chains: Indices, runs: Indices, out: Array) -> Iterator[Leg]:
         """Legs of `runs` (n, 2), pairs of row and chain, longest chains first; writes angles into `out`."""
         rows, drive = inputs.rows, inputs.commands
-        segments, known, axes = self.segments, self._known, np.array(self.segments.axes)
+        segments, known, axes = self.segments, self._known, list(self.segments.axes)
         first, count = chains[runs[:, 1]].T
         begin, lasting = segments.begin[self.chosen[first]], inputs.lasting[runs[:, 0]]
         warm = np.where(lasting, np.maximum(begin - self.lead, 0), begin)
@@ -270,7 +270,7 @@ class Rollout:
             write_history(run, begin, state, segments.rate, known, self._starts)
             leg = Leg(run, state, sent, under[:left] + begin, segments.ticks, last=j + 1 == count.max())
             yield leg
-            out[runs[:left, 0], here] = motion_in_bins(leg.moved, axes, segments.every, segments.averaged)
+            out[runs[:left, 0], here] = binned(leg.moved[:, :, axes], segments.every, segments.averaged)
 
     @cached_property
     def _begun(self) -> Array:
@@ -355,9 +355,7 @@ class Rollout:
         flat = columns.reshape(len(self.chosen), self.size, len(changes))
         basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
         kept = int(np.max(np.sum(sizes > NEGLIGIBLE, axis=1), initial=1))
-        return replace(
-            self, basis=np.ascontiguousarray(basis[..., :kept]), shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :kept] ** 2)
-        )
+        return replace(self, basis=basis[..., :kept], shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :kept] ** 2))
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), commands as in `motion`; overflow gives a huge value."""

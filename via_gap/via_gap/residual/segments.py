@@ -255,10 +255,10 @@ def whole_log(log: JointLog, quality: Quality | None = None) -> Segments:
 
 def binned(angles: Array, every: int, averaged: bool) -> Array:
     """Angles per tick (..., n + 1, a) -> per bin of `every` ticks (..., b, a): their mean, or the last one."""
-    bins = (angles.shape[-2] - 1) // every
-    moved = angles[..., 1 : 1 + bins * every, :]
-    cut = moved.reshape(*moved.shape[:-2], bins, every, moved.shape[-1])
-    return cut.mean(axis=-2) if averaged else cut[..., -1, :]
+    end = 1 + (angles.shape[-2] - 1) // every * every
+    if not averaged:
+        return angles[..., every:end:every, :]
+    return np.asarray(sum(angles[..., 1 + tick : end : every, :] for tick in range(every)) / every)
 
 
 def _between(grid: Array, gaps: Sequence[tuple[float, float]]) -> Mask:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from via_core.signals import Array, Indices
 from via_sim.joint.compiled import compiled
 from via_sim.joint.encoders import true_motion
@@ -43,23 +42,7 @@ def correct(rows: Array, start: Array, ticks: Array, axes: Array, rate: float, f
             found[n, axis], found[n, 3 + axis] = true_motion(rows[n], axis, found[n, axis], found[n, 3 + axis])
 
 
-@compiled
 def without_parts(error: Array, basis: Array, shrink: Array) -> Array:
     """Errors (K, C, r) without the share `shrink` (C, k) of their part along each column of `basis` (C, r, k)."""
-    out = np.empty_like(error)
-    count, size, columns = basis.shape
-    along = np.empty(columns)
-    for row in range(len(error)):
-        for c in range(count):
-            along[:] = 0.0
-            for r in range(size):
-                for k in range(columns):
-                    along[k] += basis[c, r, k] * error[row, c, r]
-            for k in range(columns):
-                along[k] *= shrink[c, k]
-            for r in range(size):
-                part = 0.0
-                for k in range(columns):
-                    part += basis[c, r, k] * along[k]
-                out[row, c, r] = error[row, c, r] - part
-    return out
+    along = shrink[:, :, None] * (basis.swapaxes(1, 2) @ error.transpose(1, 2, 0))  # (C, k, K)
+    return error - (basis @ along).transpose(2, 0, 1)

@@ -178,8 +178,7 @@ class Monitor:
         elif found.sites:
             text += f", most of it at the {found.sites[0].site}"
         if self.change is not None:
-            ago = self.rolling.age(self.change)
-            text = f"the gap has changed {ago:.0f} s ago, since the last diagnosis: {text}"
+            text = f"the gap has changed since the last diagnosis, {self.rolling.age(self.change):.0f} s ago: {text}"
         return text
 
     def _look_for_change(self, found: Comparison) -> None:
@@ -249,9 +248,8 @@ class Monitor:
     def _expect(self, report: GapReport) -> None:
         """Learn what the model of the report leaves of the motion that was diagnosed."""
         assert self._log is not None
-        if self.change is not None and self._log.duration > self.rolling.age(self.change) - self.rolling.age(
-            self._stamp
-        ):
+        begin = self.rolling.age(self._stamp) + self._log.duration  # [s ago]
+        if self.change is not None and self.rolling.age(self.change) < begin:
             return  # a requested diagnosis that includes motion before the change
         try:
             levels = self._comparator.compare(self._log, self.model, report.repair()).levels

@@ -1,4 +1,4 @@
-"""The dead zone of an amplifier: the same torque is missing from every command, as by the dead time of its bridge."""
+"""The dead zone of a drive: the dead time of its transistors takes the same torque from every command."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ def _passed(dead_zone: float, torque: float) -> float:
 
 KIND = EffectKind(
     name="dead_zone",
-    text="a drive from whose torque the same amount is missing at any command, and that passes no smaller one",
+    text="a drive that takes the same torque from every command, and passes none of a smaller one",
     term="u - width sign(u) for |u| > width, else 0",
     confused_with="coulomb_friction: has the sign of the speed; torque_deadband: large commands act in full",
     sites=("motor",),
-    parameters=(EffectParameter("width", "N m", 0.0, 1e6, 0.0, "missing torque", slot="dead_zone"),),
-    slots=(Slot("dead_zone", "N m", "torque missing from every command", 3),),
+    parameters=(EffectParameter("width", "N m", 0.0, 1e6, 0.0, "torque taken from every command", slot="dead_zone"),),
+    slots=(Slot("dead_zone", "N m", "torque that the drive takes from every command", 3),),
     terms=(Term("command", _passed),),
     starts=one(width=lambda here: 0.05 * here.peak),
     needs_torque_drive=True,

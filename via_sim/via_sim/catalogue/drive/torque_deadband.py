@@ -15,7 +15,8 @@ KIND = EffectKind(
     name="torque_deadband",
     text="a drive that passes no torque while the command is smaller than a threshold",
     term="u for |u| >= threshold, else 0",
-    confused_with="coulomb_friction: holds under a load; dead_zone, torque_gain: large commands act in full",
+    confused_with="coulomb_friction: holds under a load; "
+    "dead_zone, torque_gain, torque_saturation: large commands act in full",
     sites=("motor",),
     parameters=(
         EffectParameter("threshold", "N m", 0.0, 1e6, 0.0, "smallest command that passes", slot="torque_deadband"),
