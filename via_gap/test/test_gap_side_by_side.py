@@ -70,3 +70,10 @@ def test_a_segment_is_simulated_alike_alone_and_behind_others():
     assert np.array_equal(whole[0, -1], last[0, 0])
     assert whole[1, -1] == pytest.approx(last[1, 0], abs=1e-3)
     assert not np.allclose(whole[1, -1], whole[0, -1], atol=1e-6)
+
+
+def test_the_lag_of_a_drive_goes_on_from_segment_to_segment():
+    segments = cut_log(log_of(flexible(), (LAG,), seed=3, duration=4.0, tolerance=0.0))
+    model = ResidualModel.of([segments], [np.arange(1, len(segments))])
+    left = model.per_segment(model.residual([model.row((LAG,))])[0])
+    assert np.mean(left) < 1.5
