@@ -60,7 +60,10 @@ def test_an_upright_axis_shows_the_inertia_of_a_payload_alone():
     turning = np.array([distance**2, 2.0 * mass * distance])  # derivatives of m l^2
     of_inertia = np.sqrt(turning @ best.covariance @ turning) / (mass * distance**2)
     assert mass * distance**2 == pytest.approx(0.027, rel=0.2) and 0.0 < of_inertia < 0.3
-    assert best.sd[0] > mass, "the mass alone is not known"
+    assert mass < best.sd[0] < 100.0, "the mass alone is not known, but for its range"
+    (of_tolerance,) = best.tolerances
+    assert of_tolerance @ turning == pytest.approx(device.link.inertia * device.tolerances.link_inertia, rel=1e-3)
+    assert np.abs(of_tolerance).max() < 1.0, "the weight shows nothing and takes up nothing"
     axes = Axes.of(model, best.members, scales)
     assert axes.sd(best)[1] * axes.size[1] == pytest.approx(of_inertia * mass * distance**2, rel=0.01)
 

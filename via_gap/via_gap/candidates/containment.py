@@ -20,6 +20,7 @@ from via_sim.effects.device_numbers import with_spring_scales
 
 STEP = 1e-3  # of a coordinate
 ROUNDING = 1e-6  # of a change of the row
+SAME = 1e-13  # relative: closer numbers of two rows differ by rounding
 
 
 def contained(row: Callable[[Array], Array | None], at: Array, two_sided: Mask) -> Array:
@@ -57,6 +58,6 @@ def _slope(row: Callable[[Array], Array | None], at: Array, here: Array, i: int)
         if moved is not None:
             before, after = with_spring_scales(here), with_spring_scales(moved)
             change = np.zeros_like(here)
-            np.subtract(after, before, out=change, where=after != before)  # limits are infinite
+            np.subtract(after, before, out=change, where=~np.isclose(after, before, SAME, 0.0))  # limits are infinite
             return change / step
     return np.zeros_like(here)

@@ -16,10 +16,10 @@ CLUSTERS = 30  # blocks of neighbouring segments, whose errors may be correlated
 KINDS = 4  # quarters of the segments by a quantity of their motion, in which a model may err differently
 
 
-def covariance_of(normal: Array, width: Array, first: int) -> Array:
-    """(p, p) of the parameters from `first` on, over their typical sizes, with a prior of sd `width`."""
+def covariance_of(normal: Array, prior: Array, first: int) -> Array:
+    """(p, p) of the parameters from `first` on, over their typical sizes, with the information (p, p) of a prior."""
     informed = normal.copy()
-    informed[range(first, len(normal)), range(first, len(normal))] += width**-2.0
+    informed[first:, first:] += prior
     return _inverse(informed)[first:, first:]
 
 
