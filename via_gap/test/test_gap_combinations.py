@@ -31,3 +31,11 @@ def test_a_slipping_element_is_known_by_its_deflection():
     (slip,) = combinations(element, np.outer(sd, sd) * np.array([[1.0, 0.99], [0.99, 1.0]]))
     assert slip.value == pytest.approx(0.02) and slip.unit == "rad"
     assert slip.sd < 0.2 * slip.value
+
+
+def test_friction_of_two_directions_is_stated_as_a_symmetric_one_beside_a_constant_torque():
+    friction = Effect("asymmetric_coulomb", "link", {"forward": 0.1, "backward": 0.3})
+    errors = np.outer([0.02, 0.02], [0.02, 0.02]) * np.array([[1.0, -0.9], [-0.9, 1.0]])  # of a constant torque
+    dry, constant = combinations(friction, errors)
+    assert dry.value == pytest.approx(0.2) and dry.sd == pytest.approx(0.02 * np.sqrt(0.05))
+    assert constant.value == pytest.approx(0.1) and constant.sd == pytest.approx(0.02 * np.sqrt(0.95))

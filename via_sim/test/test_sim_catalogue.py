@@ -207,6 +207,18 @@ def test_asymmetric_coulomb_friction_has_two_breakaway_torques():
     assert back[-1] == pytest.approx(-2.0 + 0.1 / 0.02 * 0.05, abs=1e-9)
 
 
+def test_asymmetric_friction_is_a_symmetric_one_beside_a_constant_torque():
+    torques = held(external_torque=1.2 * np.sin(0.01 * np.arange(2000)))
+    asymmetric = Effect("asymmetric_coulomb", "link", {"forward": 0.1, "backward": 0.3})
+    alias = Effect("coulomb_friction", "link", {"torque": 0.2}), Effect("torque_bias", "motor", {"torque": 0.1}, 1)
+    one, two = (
+        simulate(JointPlant.from_device(rigid()).with_effects(effects), torques, 2.0, RATE).truth["q"]
+        for effects in ((asymmetric,), alias)
+    )
+    assert np.ptp(one) > 0.3 and np.any(np.diff(one) == 0.0), "it moves and rests"
+    assert one == pytest.approx(two, abs=1e-12)
+
+
 def test_dahl_friction_stops_a_link_by_energy_and_pulls_it_back():
     """1/2 M v^2 = integral of F_c (1 - exp(-s x/F_c)) dx up to the turning point."""
     Fc, s, v = 0.1, 20.0, 0.8

@@ -1,8 +1,12 @@
-"""Dry friction that differs with the direction of motion."""
+"""Dry friction that differs with the direction of motion.
+
+It is the same as a symmetric one beside a constant torque, such as that of a tilted base or of a torque sensor's zero;
+the report states the sizes of both.
+"""
 
 from __future__ import annotations
 
-from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot, Spot, Values
+from via_sim.catalogue.kinds import EffectKind, EffectParameter, Form, Slot, Spot, Values
 from via_sim.catalogue.starts import each, tenth
 
 
@@ -13,6 +17,7 @@ def _write(spot: Spot, value: Values) -> None:
     spot["friction_asymmetry"] += 0.5 * (value["forward"] - value["backward"])
 
 
+_BOTH = ("forward", "backward")
 KIND = EffectKind(
     name="asymmetric_coulomb",
     text="dry friction that differs with the direction of motion",
@@ -28,6 +33,16 @@ KIND = EffectKind(
     write=_write,
     starts=each(forward=tenth, backward=tenth),
     contains=("coulomb_friction", (0, 1)),
+    forms=(
+        Form(
+            "equal to coulomb_friction of", "N m", _BOTH,
+            lambda f, b: 0.5 * (f + b), lambda _f, _b: (0.5, 0.5),
+        ),
+        Form(
+            "beside a constant torque of", "N m", _BOTH,
+            lambda f, b: 0.5 * (b - f), lambda _f, _b: (-0.5, 0.5),
+        ),
+    ),
     adds=True,
     dry=True,
-)
+)  # fmt: skip
