@@ -215,8 +215,8 @@ EFFECT_ROWS = (
     ),
     row(
         "dead_zone",
-        isaaclab="- commands act in full; a custom actuator class can subtract it",
-        others="- commands act in full; subtract it from the command",
+        isaaclab="- torques act in full; a custom actuator class can subtract it",
+        others="- torques act in full; subtract it from them",
     ),
     row(
         "position_gain",

@@ -64,6 +64,22 @@ def test_the_limit_includes_the_damping_if_the_device_says_so(gain: float) -> No
     assert np.max(np.abs(truth["q"] - free["q"])) > 0.1
 
 
+@pytest.mark.parametrize("limited", ["proportional", "sum"])
+def test_a_dead_zone_takes_torque_from_what_the_drive_computes(limited: str) -> None:
+    """Damping by the motor itself passes in full, damping that a controller computes passes the dead zone."""
+    device, width = positioned(servo=f"{{kp: 4.0, kd: 0.1, torque_limit: 1.5, limited: {limited}}}"), 0.3
+    truth = step(device, 1.0, goal=1.0, effects=[Effect("dead_zone", "motor", {"width": width}, 1)])
+
+    def rate(_t, x):
+        inside = KD * x[1] if limited == "sum" else 0.0
+        asked = np.clip(KP * (1.0 - x[0]) - inside, -1.5, 1.5)
+        return x[1], (np.sign(asked) * max(abs(asked) - width, 0.0) + inside - KD * x[1]) / M
+
+    found = solve_ivp(rate, (0.0, 1.0), np.zeros(2), t_eval=truth.time, rtol=1e-10, atol=1e-12, max_step=1e-3).y[0]
+    assert np.max(np.abs(truth["q"] - found)) < 2e-5
+    assert abs(truth["q"][-1] - 1.0) > 0.01, "it rests beside its goal"
+
+
 @pytest.mark.parametrize("lag", [0.0, 0.05])
 def test_goal_speed_is_limited_before_the_lag(lag: float) -> None:
     """Against independent equations integrated with tight tolerances."""

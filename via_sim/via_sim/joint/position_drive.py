@@ -1,20 +1,20 @@
 """A position drive on the link of a rigid joint: from commanded goal to torque on the link.
 
     goal g -> dead time -> g + f (kd / kp) dg/dt -> speed limit -> lag -> torque
-    torque = clip(kp (c(e) + z), limits) - kd qd                   e = goal - measured
-             clip(kp (c(e) + z) - kd qd, limits)                   limited: sum
+    torque = s(clip(kp (c(e) + z), limit)) - kd qd                 e = goal - measured
+             s(clip(kp (c(e) + z) - kd qd, limit))                 limited: sum
     dz/dt = (ki / kp) e,  |kp z| <= limit of the integral and of the torque
 
-c is the error itself, or what the terms of the catalogue let through. The integral z is constant during a tick (or a
-piece of it, where a command arrives within it), as in a drive that samples: it has its value in the middle, predicted
-with the error at the beginning, and advances by the trapezoidal rule. A drive that is off forgets it. The speed of the
-goal is its change from command to command over a tick; with the feedforward f = 1, kd acts on the derivative of the
-error.
+c is the error itself and s the torque itself, or what the terms of the catalogue let through. The integral z is
+constant during a tick (or a piece of it, where a command arrives within it), as in a drive that samples: it has its
+value in the middle, predicted with the error at the beginning, and advances by the trapezoidal rule. A drive that is
+off forgets it. The speed of the goal is its change from command to command over a tick; with the feedforward f = 1, kd
+acts on the derivative of the error.
 
 The feedback uses the drive's own encoder, so an encoder error changes the torque as well as the log. kd acts as viscous
-friction while the drive is on, which the exponential integrator covers; gain, bias, saturation, c and z apply to the
-other torque only. A drive that is off has no torque, and its goal follows the measured angle. In other drives the lag
-is between command and torque; here it acts on the goal, so that it affects the command only and not the feedback.
+friction while the drive is on, which the exponential integrator covers; gain, bias, c, s and z apply to the other
+torque only. A drive that is off has no torque, and its goal follows the measured angle. In other drives the lag is
+between command and torque; here it acts on the goal, so that it affects the command only and not the feedback.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from via_core.signals import Array
 from via_sim.joint.compiled import bare
 from via_sim.joint.encoders import read_motion
 from via_sim.joint.parameters import POSITION_DRIVE, P
-from via_sim.joint.terms import corrected
+from via_sim.joint.terms import corrected, saturated
 
 
 @bare
@@ -46,8 +46,9 @@ def drive_torque(p: Array, goal: float, held: float, power: float, q: float, w: 
     if power == 0.0:
         return 0.0
     measured, _ = read_motion(p, 0, q, 0.0)
-    limit, brake = min(p[P.drive_torque_limit], p[P.saturation]), brake_inside(p) * w
-    pull = min(max(p[P.drive_stiffness] * (corrected(p, goal - measured) + held) - brake, -limit), limit) + brake
+    limit, brake = p[P.drive_torque_limit], brake_inside(p) * w
+    pull = min(max(p[P.drive_stiffness] * (corrected(p, goal - measured) + held) - brake, -limit), limit)
+    pull = saturated(p, 0, pull) + brake
     return power * (p[P.torque_gain] * pull + p[P.torque_bias])
 
 

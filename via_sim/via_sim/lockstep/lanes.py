@@ -50,7 +50,7 @@ def load_parameters(p: Array, z: Array, lane: int) -> None:
         z[Z.torque_bias + axis, lane] = p[P.torque_bias + axis] if driven else 0.0
     z[Z.drive_gain, lane], z[Z.drive_bias, lane] = p[P.torque_gain], p[P.torque_bias]
     z[Z.drive_damping, lane] = p[P.drive_damping] if p[P.link_drive] == POSITION_DRIVE else 0.0
-    z[Z.drive_limit, lane] = min(p[P.drive_torque_limit], p[P.saturation])
+    z[Z.drive_limit, lane] = p[P.drive_torque_limit]
     z[Z.drive_brake, lane] = brake_inside(p)
     z[Z.lead, lane] = led(p, 1.0, 0.0, p[P.tick]) - 1.0 if p[P.link_drive] == POSITION_DRIVE else 0.0
     z[Z.integral_reach, lane] = integral_reach(p) if p[P.integral_rate] > 0.0 else 0.0

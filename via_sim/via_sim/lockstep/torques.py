@@ -15,7 +15,7 @@ from via_sim.joint.torques import preset_of, spring_law
 from via_sim.lockstep.block import R, Terms, Z
 from via_sim.lockstep.goals import read_link
 from via_sim.lockstep.pack import LANES, add, any_above, choose, get, put
-from via_sim.lockstep.terms import add_terms, corrected, find_input_errors
+from via_sim.lockstep.terms import add_terms, corrected, find_input_errors, saturated
 
 _ENOUGH = 1e300  # [N m] margin of an axis that does not stick
 
@@ -208,7 +208,7 @@ def _add_rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
     if rare >> R.position & 1:  # `position_drive.drive_torque`
         reach, brake = get(z, Z.drive_limit), get(z, Z.drive_brake) * get(z, Z.at + 3)
         torque = get(z, Z.drive_stiffness) * (corrected(z, get(z, Z.acting) - read_link(z, rare)) + get(z, Z.held))
-        torque = min(max(torque - brake, -reach), reach) + brake
+        torque = saturated(z, 0, min(max(torque - brake, -reach), reach)) + brake
         put(z, Z.drive_torque, get(z, Z.power) * (get(z, Z.drive_gain) * torque + get(z, Z.drive_bias)))
         add(z, out, get(z, Z.drive_torque))
     add_terms(z, axes, out, rare)
