@@ -8,6 +8,7 @@ from gap_logs import flexible, log_of, rigid, servo
 from via_core.errors import SignalError
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog, believed
+from via_gap.logs.quality import assessed
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import binned, cut_log
 from via_gap.residual.true_starts import without_parts
@@ -141,6 +142,25 @@ def test_what_stands_for_lost_samples_is_not_compared(device):
     )
     left, same = (each.per_segment(each.residual([each.row(())])[0]) for each in (problem, moved))
     assert np.array_equal(left, same) and np.max(left) < 1.6
+
+
+def test_segments_of_which_most_is_lost_count_by_what_was_measured():
+    """Pauses of a busy machine: bursts of samples, and gaps that hide the motion in most of the time."""
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    count = len(log.measured)
+    lengths = np.random.default_rng(2).integers(2, 6, count)  # of bursts and gaps in turn
+    there = np.repeat(np.arange(count) % 2 == 0, lengths)[:count]
+    few = {name: values[there] for name, values in log.measured.channels.items()}
+    bursts = JointLog("bursts", log.device, Signals(log.measured.time[there], few, log.measured.units), log.commands)
+    segments = cut_log(bursts, quality=assessed(bursts))
+    assert segments.valid.mean() > 0.9
+    assert np.mean(np.mean(segments.weight[segments.valid] > 0.0, axis=(1, 2)) < 0.5) > 0.3
+    assert np.allclose(np.mean(segments.weight**2, axis=(1, 2)), 1.0)
+    problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
+    assert 0.7 < np.mean(problem.residual([problem.row(())])[0] ** 2) < 1.4
+    every = replace(segments, weight=np.ones_like(segments.weight))
+    whole = ResidualModel.of([every], [np.flatnonzero(segments.valid)])
+    assert np.mean(whole.residual([whole.row(())])[0] ** 2) > 2.0, "interpolated angles are no measurement"
 
 
 def test_no_command_between_two_samples_is_lost():

@@ -41,10 +41,9 @@ def test_from_a_large_command_the_dead_zone_is_missing(torque):
     assert moved(torque, DEAD_ZONE) == pytest.approx(passed * 0.1 / 0.02, rel=1e-12)
 
 
-@pytest.mark.parametrize("effect", [DEADBAND, DEAD_ZONE])
-def test_only_drives_with_a_commanded_torque_have_one(effect):
-    name, size = effect
-    assert places(name, flexible()) == (("motor", 1),)
-    assert places(name, serial_servo()) == places(name, positioned()) == ()
+def test_servos_have_neither_and_the_deadband_of_a_position_drive_is_that_of_its_error():
+    for name, _ in (DEADBAND, DEAD_ZONE):
+        assert places(name, flexible()) == (("motor", 1),) and places(name, serial_servo()) == ()
+    assert places("dead_zone", positioned()) == places("position_deadband", positioned()) == (("motor", 1),)
     with pytest.raises(ParameterError, match="has a position drive"):
-        JointPlant.from_device(positioned()).with_effects([Effect(name, "motor", {size: 0.1}, 1)])
+        JointPlant.from_device(positioned()).with_effects([Effect("torque_deadband", "motor", {"threshold": 0.1}, 1)])
