@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from via_bringup.demo import live
 from via_bringup.demo.live import same_bits, true_stiffness
-from via_bringup.demo.page import write_page
-from via_bringup.demo.run import MARK, run_demo
+from via_bringup.demo.run import MARK, run_demo, write_page
 from via_bringup.demo.summary import Quantity, Summary, Traffic
 from via_core.bags.reader import read_bag
 from via_core.bags.writer import BagWriter

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from via_core.errors import ParameterError
 from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
-from via_core.wire import command_name
+from via_core.wire import command_name, link_name, motor_name
 
 from via_controllers.contract import ArmController, ArmSample, JointSample
 from via_controllers.joint_axes import JointAxes
@@ -21,29 +21,55 @@ from via_controllers.supervision.hold_still import HoldStill
 from via_controllers.supervision.joint_supervision import JointSupervisor
 
 
+class Reading(NamedTuple):
+    """What a sample needs of a JointState.
+
+    joints    that the message must name
+    entries   array of the message and joint of each of the k numbers
+    required  so many first numbers must be there
+    """
+
+    joints: tuple[str, ...]
+    entries: tuple[tuple[str, str], ...]
+    required: int
+
+
 @dataclass(frozen=True, eq=False)
 class ControlledArm:
     """An arm under its supervisor; `joints` are named base first."""
 
-    name: str  # in topics
+    name: str
     joints: tuple[str, ...]
     supervisor: Supervisor
 
     damping = 0.0  # an arm has no dampers
+
+    @classmethod
+    def with_holding(cls, arm: VsaArm, controller: ArmController[Any]) -> ControlledArm:
+        """The arm with this controller, the default limits and `HoldStill`."""
+        return cls(arm.name, arm.joints, Supervisor(controller, HoldStill(arm), ArmLimits(arm)))
 
     @property
     def command_name(self) -> str:
         """Topic of the arm's commands, relative to the namespace of its nodes."""
         return command_name(self.name)
 
+    @property
+    def reading(self) -> Reading:
+        """What `sample` needs of a message: one that names all links and motors, with their angles and velocities."""
+        links = tuple(link_name(joint) for joint in self.joints)
+        motors = tuple(motor_name(joint, 1) for joint in self.joints)
+        motion = [(field, name) for names in (links, motors) for field in ("position", "velocity") for name in names]
+        torques = [("effort", link) for link in links]  # of sensors, which may be missing
+        return Reading((*links, *motors), (*motion, *torques), len(motion))
+
+    def sample(self, row: Array) -> ArmSample:
+        """The sample from a row (1 + k,): time [s] and the numbers of `reading`."""
+        return ArmSample(float(row[0]), *row[1:].reshape(5, -1).copy())
+
     def zero_sample(self, time: float) -> ArmSample:
         """A sample at `time` [s] with every value zero, to load compiled functions with."""
         return ArmSample(time, *(np.zeros(len(self.joints)) for _ in range(5)))
-
-    @classmethod
-    def with_holding(cls, arm: VsaArm, controller: ArmController[Any]) -> ControlledArm:
-        """The arm with this controller, the default limits and `HoldStill`."""
-        return cls(arm.name, arm.joints, Supervisor(controller, HoldStill(arm), ArmLimits(arm)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +94,22 @@ class ControlledJoint:
         """Topic of the device's commands, as in `Device`."""
         return self.axes.device.command_name
 
+    @property
+    def reading(self) -> Reading:
+        """What `sample` needs of a message: the angles; only the link must be named."""
+        link, motors = self.axes.device.link_joint, self.axes.device.motor_joints
+        return Reading((link,), tuple(("position", name) for name in (link, *motors)), 1 + len(motors))
+
+    def sample(self, row: Array) -> JointSample:
+        """The sample from a row (1 + k,), as for an arm."""
+        return JointSample(float(row[0]), float(row[1]), row[2:].copy())
+
     def zero_sample(self, time: float) -> JointSample:
         """A sample at `time` [s] with every angle zero, to load compiled functions with."""
         return JointSample(time, 0.0, np.zeros(self.axes.n))
+
+
+Controlled = ControlledArm | ControlledJoint
 
 
 @dataclass(frozen=True)
@@ -103,7 +142,7 @@ class ControllerParameters(ABC):
         return {each.name: getattr(self, each.name) for each in fields(controller) if hasattr(self, each.name)}
 
     @abstractmethod
-    def build(self) -> ControlledArm | ControlledJoint:
+    def build(self) -> Controlled:
         """The robot with its controller; raises ParameterError or DeviceError."""
 
 

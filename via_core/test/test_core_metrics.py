@@ -5,13 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from via_core.errors import SignalError
-from via_core.metrics import coverage, mse, msrep, nrmse
-
-
-def test_equation_52_divides_by_the_number_of_terms() -> None:
-    truth, estimate = [2.0, 4.0, 5.0], [1.0, 4.0, 7.0]
-    assert mse(truth, estimate) == pytest.approx(5.0 / 3.0)  # printed: 5/2
-    assert msrep(truth, estimate) == pytest.approx(100.0 * (0.25 + 0.0 + 0.16) / 3.0)
+from via_core.metrics import coverage, nrmse
 
 
 def test_nrmse_is_one_for_the_mean_and_zero_for_the_signal_itself() -> None:
@@ -38,7 +32,7 @@ def test_coverage_of_gaussian_intervals() -> None:
     assert coverage([1.0, 1.0], [1.0, 2.1], [0.0, 0.5]) == 0.5
 
 
-@pytest.mark.parametrize("metric", [mse, msrep, nrmse, lambda a, b: coverage(a, b, np.ones_like(a))])
+@pytest.mark.parametrize("metric", [nrmse, lambda a, b: coverage(a, b, np.ones_like(a))])
 @pytest.mark.parametrize(
     ("a", "b", "message"),
     [
@@ -56,8 +50,6 @@ def test_empty_data_is_refused(metric, a, b, message: str) -> None:
 
 
 def test_a_zero_reference_is_refused() -> None:
-    with pytest.raises(SignalError, match="'truth' is 0 at sample 1"):
-        msrep([1.0, 0.0], [1.0, 1.0])
     with pytest.raises(SignalError, match="constant"):
         nrmse([2.0, 2.0], [1.0, 3.0])
     with pytest.raises(SignalError, match="negative at sample 0"):

@@ -14,9 +14,9 @@ class ViaError(Exception):
         super().__init__(whole if len(whole) <= LONGEST else f"{whole[: LONGEST - END]} .. {whole[-END:]}")
 
 
-def one_line(error: BaseException, most: int = 200) -> str:
-    """The text of an exception of a library in one line of at most `most` characters; without text, its class."""
-    return " ".join(str(error).split())[:most] or type(error).__name__
+def one_line(error: BaseException) -> str:
+    """The text of an exception of a library in one line of at most 200 characters; without text, its class."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 class SignalError(ViaError):

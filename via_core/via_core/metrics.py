@@ -14,7 +14,8 @@ from via_core.signals import Array
 WIDTH_95 = 1.96  # half width of the 95 % interval of a Gaussian, in standard deviations
 
 
-def _same(**given: ArrayLike) -> list[Array]:
+def alike(**given: ArrayLike) -> list[Array]:
+    """The arrays (N,). Raises SignalError, which names the wrong one."""
     arrays = {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}
     shapes = {array.shape for array in arrays.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 1:
@@ -29,29 +30,12 @@ def _same(**given: ArrayLike) -> list[Array]:
     return list(arrays.values())
 
 
-def mse(truth: ArrayLike, estimate: ArrayLike) -> float:
-    """Mean square error, eq. (52) with N = l_fin - l_in + 1 terms (printed: one fewer). Unit of the signal squared."""
-    a, b = _same(truth=truth, estimate=estimate)
-    return float(np.mean((a - b) ** 2))
-
-
-def msrep(truth: ArrayLike, estimate: ArrayLike) -> float:
-    """Mean square relative error in percent, eq. (52) with N terms: 100 mean(((truth - estimate) / truth)^2) [%].
-
-    Raises SignalError where the truth is 0.
-    """
-    a, b = _same(truth=truth, estimate=estimate)
-    if np.any(a == 0.0):
-        raise SignalError(f"'truth' is 0 at sample {int(np.flatnonzero(a == 0.0)[0])}: no relative error")
-    return float(100.0 * np.mean(((a - b) / a) ** 2))
-
-
 def nrmse(measured: ArrayLike, simulated: ArrayLike) -> float:
     """Root mean square error over the standard deviation of the measured signal [-]; 1 for predicting its mean.
 
     Raises SignalError where the measured signal is constant.
     """
-    a, b = _same(measured=measured, simulated=simulated)
+    a, b = alike(measured=measured, simulated=simulated)
     scale = float(np.std(a))
     if scale == 0.0:
         raise SignalError("'measured' is constant: its standard deviation cannot scale the error")
@@ -63,7 +47,7 @@ def coverage(truth: ArrayLike, estimate: ArrayLike, standard_deviation: ArrayLik
 
     Raises SignalError for a negative standard deviation or a width that is not > 0.
     """
-    a, b, sd = _same(truth=truth, estimate=estimate, standard_deviation=standard_deviation)
+    a, b, sd = alike(truth=truth, estimate=estimate, standard_deviation=standard_deviation)
     if np.any(sd < 0.0):
         raise SignalError(f"'standard_deviation' is negative at sample {int(np.flatnonzero(sd < 0.0)[0])}")
     if not width > 0.0:

@@ -21,10 +21,10 @@ from via_gap.run.arm_gravity import Gravity
 from via_gap.run.arm_offset import AngleOffset
 from via_gap.run.arm_payload import Payload
 
-from via_export.mjcf_given import body_and_joint, loaded
+from via_export.mjcf_given import GivenJoint, loaded
 from via_export.payloads import PointMass
 from via_export.urdf import shift_zero, vector
-from via_export.xml import Edited, Element, child, text
+from via_export.xml import Attributes, Edited, Element, child, text
 
 FORMATS = ("mjcf", "urdf")
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -81,32 +81,29 @@ def _to_mjcf(root: Element, cause: ArmCause, path: Path) -> None:
             raise ParameterError("gravity is absent from the torques, not from the robot: its model is right")
         child(root, "option").set("gravity", text(cause.gravity))
         return
-    body, joint = body_and_joint(root, cause.link)
-    spec = mujoco.MjSpec.from_file(str(path))
-    model = spec.compile()
-    compiled = model.joint(cause.link)
+    given = GivenJoint.of(root, path, cause.link)
+    model, number = given.model, given.number
+    anchor = model.jnt_pos[number]
     if isinstance(cause, AngleOffset):
-        turns = compiled.type[0] == int(mujoco.mjtJoint.mjJNT_HINGE)
-        unit = 180.0 / np.pi if spec.compiler.degree and turns else 1.0
-        joint.set("ref", text(unit * float(model.qpos0[compiled.qposadr[0]] + cause.offset)))
-        if compiled.limited[0]:
-            joint.set("range", text(unit * (compiled.range + cause.offset)))
+        angles: Attributes = {"ref": float(model.qpos0[model.jnt_qposadr[number]] + cause.offset)}
+        if model.jnt_limited[number]:
+            angles["range"] = model.jnt_range[number] + cause.offset
+        given.edit(angles)
     elif isinstance(cause, Payload) and cause.mass > 0.0:
-        body.append(PointMass(f"{cause.link}_payload", cause.mass, cause.position).body(compiled.pos))
+        given.body.append(PointMass(f"{cause.link}_payload", cause.mass, cause.position).body(anchor))
     else:
-        if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
-            raise ParameterError(f"{path}: inertias come from geoms (inertiafromgeom): no body can state its own")
-        k = compiled.bodyid[0]
+        given.require_inertials()
+        k = int(model.jnt_bodyid[number])
         turned = np.zeros(9)
         mujoco.mju_quat2Mat(turned, model.body_iquat[k])
         tensor = turned.reshape(3, 3) @ np.diag(model.body_inertia[k]) @ turned.reshape(3, 3).T
-        present = pinocchio.Inertia(float(model.body_mass[k]), model.body_ipos[k] - compiled.pos, tensor)
-        made, inertial = _changed(present, cause), child(body, "inertial")
+        present = pinocchio.Inertia(float(model.body_mass[k]), model.body_ipos[k] - anchor, tensor)
+        made, inertial = _changed(present, cause), child(given.body, "inertial")
         for key in _TURNED:
             inertial.attrib.pop(key, None)
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = made.inertia
         inertial.attrib |= {
-            "pos": text(made.lever + compiled.pos),
+            "pos": text(made.lever + anchor),
             "mass": text(made.mass),
             "fullinertia": text((xx, yy, zz, xy, xz, yz)),
         }

@@ -25,7 +25,6 @@ from via_export.xml import Edited
 
 BESIDE = ("mjcf", "urdf", "sdf", "bam")  # formats that can be written into a given file
 ROOTS = {"mujoco": "mjcf", "robot": "urdf", "sdf": "sdf"}  # root elements
-SUFFIXES = {"mjcf": ".xml", "urdf": ".urdf", "sdf": ".sdf", "isaaclab": ".py", "bam": ".json", "ros2_control": ".xacro"}
 
 
 @dataclass(frozen=True)

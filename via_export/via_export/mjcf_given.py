@@ -14,7 +14,7 @@ import mujoco
 from via_core.errors import ParameterError, one_line
 
 from via_export.mjcf import Parts
-from via_export.xml import Element, child, text
+from via_export.xml import Attributes, Element, child, element, text
 
 CLASS = "via_export"  # defaults of new elements
 ANGLES = ("ref", "range", "springref")  # of a hinge, in the unit of the file
@@ -68,7 +68,7 @@ def _read(path: Path) -> Any:
     return spec
 
 
-def body_and_joint(root: Element, name: str) -> tuple[Element, Element]:
+def _body_and_joint(root: Element, name: str) -> tuple[Element, Element]:
     """The joint of that name and its body, possibly within frames. Raises ParameterError."""
     for body in root.iter("body"):
         for joint in _joints(body):
@@ -113,7 +113,7 @@ class GivenJoint:
             raise ParameterError(f"the model has no joint '{name}'; there are: {', '.join(map(str, names)) or 'none'}")
         if int(model.jnt_type[number]) not in (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)):
             raise ParameterError(f"joint '{name}' is neither a hinge nor a slide")
-        return GivenJoint(root, *body_and_joint(root, name), spec, model, number)
+        return GivenJoint(root, *_body_and_joint(root, name), spec, model, number)
 
     @property
     def name(self) -> str:
@@ -136,9 +136,17 @@ class GivenJoint:
             found = above[id(found)]
         return found
 
-    @property
-    def takes_inertia_from_geoms(self) -> bool:
-        return int(self.spec.compiler.inertiafromgeom) == int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
+    def require_inertials(self) -> None:
+        """Raise ParameterError if no body can state its own inertia."""
+        if int(self.spec.compiler.inertiafromgeom) == int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE):
+            raise ParameterError("inertias come from geoms (inertiafromgeom): no body can state its own; use 'auto'")
+
+    def edit(self, attributes: Attributes) -> None:
+        """Set attributes of the joint; angles [rad] in the unit of the file."""
+        changed = element("joint", **attributes, type="slide" if self.slides else "hinge")
+        self.state_angles_in_its_unit(changed)
+        del changed.attrib["type"]
+        self.joint.attrib.update(changed.attrib)
 
     def state_angles_in_its_unit(self, joint: Element) -> None:
         """Convert the angles [rad] of a new or edited hinge to the unit of the file; a slide has none."""

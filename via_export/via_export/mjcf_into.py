@@ -66,7 +66,7 @@ def _bodies(given: GivenJoint, parts: Parts) -> None:
         given.body.append(element("frame", *parts.in_link, pos=model.jnt_pos[number], quat=turn))
     if not parts.bodies:
         return
-    _needs_inertials(given)
+    given.require_inertials()
     for body in parts.bodies:
         for joint in body.iter("joint"):
             given.state_angles_in_its_unit(joint)
@@ -76,14 +76,9 @@ def _bodies(given: GivenJoint, parts: Parts) -> None:
     given.parent.append(element("frame", *parts.bodies, pos=model.body_pos[index] + at, quat=own))
 
 
-def _needs_inertials(given: GivenJoint) -> None:
-    if given.takes_inertia_from_geoms:
-        raise ParameterError("inertias come from geoms (inertiafromgeom): no new body can state its own; use 'auto'")
-
-
 def _joint_attributes(given: GivenJoint, parts: Parts, target: Target) -> list[str]:
     """Set friction, spring, encoder offset and wall."""
-    model, joint, number = given.model, given.joint, given.number
+    model, number = given.model, given.number
     wanted = {key: value for key, value in parts.joint.items() if key not in ("name", "type", "axis")}
     for key in ("damping", "frictionloss"):
         wanted.setdefault(key, 0.0)
@@ -113,16 +108,11 @@ def _joint_attributes(given: GivenJoint, parts: Parts, target: Target) -> list[s
     found += notes.replaced(
         {key: (float(old), float(text(wanted[key]).split()[0])) for key, old in linear.items() if key in wanted}
     )
-    changed = element("joint", **wanted)
-    if given.slides:
-        changed.set("type", "slide")
-    given.state_angles_in_its_unit(changed)
-    changed.attrib.pop("type", None)
     for key, poly in POLYNOMIALS.items():  # a shorter polynomial would keep the terms of its class
         of = given.dof if key == "damping" else number
-        if key in changed.attrib and np.any(getattr(model, poly)[of]):
-            changed.set(key, " ".join([*changed.attrib[key].split(), "0", "0"][:3]))
-    joint.attrib.update(changed.attrib)
+        if key in wanted and np.any(getattr(model, poly)[of]):
+            wanted[key] = " ".join([*text(wanted[key]).split(), "0", "0"][:3])
+    given.edit(wanted)
     return found
 
 
@@ -134,7 +124,7 @@ def _mass(given: GivenJoint, target: Target) -> list[str]:
         change += payloads.moments(target.effects)[0]
         found += notes.sliding_payload(target)
     elif points := payloads.payloads_of(target.effects, given.name, _weight_direction(model, number)):
-        _needs_inertials(given)
+        given.require_inertials()
         given.body.extend(point.body(model.jnt_pos[number]) for point in points)
     if abs(change) > notes.SMALL * target.inertia:
         armature = float(model.dof_armature[given.dof]) + change

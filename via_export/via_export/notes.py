@@ -16,14 +16,14 @@ SMALL = 1e-9  # relative change of a number that counts as none
 SAME = 1e-6  # relative change of a number that is written with ten digits
 
 
-def replaced(values: Mapping[str, tuple[float, float]], units: str = "") -> list[str]:
+def replaced(values: Mapping[str, tuple[float, float]]) -> list[str]:
     """One note on numbers of the file, old and new, that others replace; zeros are not worth one."""
     changed = [
         f"{name} {old:.6g} by {new:.6g}"
         for name, (old, new) in values.items()
         if old != 0.0 and abs(new - old) > SAME * abs(old)
     ]
-    return [f"the device replaces {', '.join(changed)}{units}"] if changed else []
+    return [f"the device replaces {', '.join(changed)}"] if changed else []
 
 
 def inertia_added(target: Target, moved: float) -> float:

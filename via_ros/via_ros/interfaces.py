@@ -39,6 +39,12 @@ def interface_class(type_name: str, kind: str, called: str) -> Any:
     raise BagError(f"{called} type {type_name} is not installed here; source its workspace")
 
 
+def type_name(message: Any) -> str:
+    """'package/msg/Name' of a message."""
+    kind = type(message)
+    return f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+
+
 def stamp_of(data: bytes) -> int | None:
     """Header stamp [ns] of a serialised message whose first member is a Header; None if it is too short."""
     if len(data) < ENCAPSULATION + STAMP.size:

@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from via_core.bags.definitions import typestore_of
+from via_core.bags.layout import layout_of
 from via_core.limits import LIMITS
 from via_core.signals import Array
 from via_core.wire import FIELDS, SECOND
@@ -34,7 +36,7 @@ from via_ros.conversions import (
     nanoseconds,
     unchecked_command,
 )
-from via_ros.interfaces import ENCAPSULATION, HEADER, SEQUENCE, STAMP, aligned, stamp_bytes
+from via_ros.interfaces import ENCAPSULATION, HEADER, SEQUENCE, STAMP, aligned, stamp_bytes, type_name
 
 JOINT_STATES = "joint_states"  # topic of the samples, relative to the namespace of the nodes
 NATIVE = b"\x00\x01"  # plain CDR, little endian
@@ -42,10 +44,6 @@ LENGTH = struct.Struct("<I")
 COMMAND = struct.Struct("<QB7x3dI")  # VsaCommand after its header: sequence number to number of motors
 PADDING = bytes(-COMMAND.size % 8)  # before the motors, if any
 AFTER_STAMP = ENCAPSULATION + STAMP.size
-SIZES = {
-    "boolean": 1, "octet": 1, "uint8": 1, "int8": 1, "uint16": 2, "int16": 2, "uint32": 4, "int32": 4, "float": 4,
-    "uint64": 8, "int64": 8, "double": 8,
-}  # fmt: skip
 
 
 def raw(publisher: Any) -> Callable[[bytes], None]:
@@ -198,22 +196,26 @@ class Template:
 
     def __init__(self, message: Any) -> None:
         self._data = bytearray(serialize_message(message))
-        self._found, _ = _members(message)
+        name = type_name(message)
+        self._numbers = layout_of(typestore_of(name), name, bytes(self._data)).numbers
         self.doubles = np.frombuffer(self._data, np.float64, (len(self._data) - ENCAPSULATION) // 8, ENCAPSULATION)
-        octet = next((name for name, kind in message.get_fields_and_field_types().items() if kind == "uint8"), "")
-        self._sequence, self._octets = (
-            ENCAPSULATION + self._found.get(name, (0, 0))[0] for name in ("sequence", octet)
-        )
+        self._sequence = self._numbers["sequence"].offset if "sequence" in self._numbers else 0
+        self._octets = next((each.offset for each in self._numbers.values() if each.form == "u1"), 0)
 
     def places(self, member: str) -> list[int]:
         """Positions in `doubles` of the doubles of a member."""
-        at, count = self._found[member]
-        return [at // 8 + k for k in range(count)]
+        first, count = self._slots(member)
+        return [*range(first, first + count)]
 
     def view(self, member: str) -> Array:
         """The doubles (k,) of a member, to be written."""
-        at, count = self._found[member]
-        return self.doubles[at // 8 : at // 8 + count]
+        first, count = self._slots(member)
+        return self.doubles[first : first + count]
+
+    def _slots(self, member: str) -> tuple[int, int]:
+        """Position of the first double of a member in `doubles`, and their number."""
+        number = self._numbers[member]
+        return (number.offset - ENCAPSULATION) // 8, 1 if number.count is None else number.count
 
     def stamped(self, stamp: bytes) -> bytes:
         """The message with stamp (8,) bytes."""
@@ -241,30 +243,3 @@ class JointStateBytes:
         for written, numbers in self._copied:
             written[:] = numbers
         return self._template.stamped(stamp_bytes(time))
-
-
-def _members(message: Any, at: int = 0, prefix: str = "") -> tuple[dict[str, tuple[int, int]], int]:
-    """Offset and count of the numbers of every numeric member, and the offset of the end of the message.
-
-    Plain CDR: every value is aligned to its own size, relative to the end of the encapsulation header.
-    """
-    found: dict[str, tuple[int, int]] = {}
-    for member, kind in message.get_fields_and_field_types().items():
-        value = getattr(message, member)
-        if hasattr(value, "get_fields_and_field_types"):
-            inner, at = _members(value, at, f"{prefix}{member}.")
-            found |= inner
-        elif kind in ("string", "sequence<string>"):
-            at = aligned(at, 4) + (4 if kind != "string" else 0)
-            for text in [value] if kind == "string" else value:
-                at = aligned(at, 4) + 4 + len(text.encode()) + 1
-        else:
-            count = 1
-            if kind.startswith("sequence<"):
-                count = len(value)
-                at = aligned(at, 4) + 4
-            size = SIZES[kind.removeprefix("sequence<").removesuffix(">")]
-            at = aligned(at, size) if count else at
-            found[prefix + member] = (at, count)
-            at += size * count
-    return found, at

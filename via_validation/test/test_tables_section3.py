@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from PIL import Image
-from via_core.metrics import mse
 from via_validation.tables import section3
 from via_validation.tables.cubic_joint import TAU, TORQUE_RATIO, cubic_log
+from via_validation.tables.errors import mse
 from via_validation.tables.section3_methods import as_printed, differentiated, outcome
 
 

@@ -7,14 +7,15 @@ import shutil
 import time
 from collections.abc import Callable
 from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
 
+from jinja2 import Environment, StrictUndefined
 from via_core.errors import ViaError
 
 from via_bringup.commit import commit
 from via_bringup.demo.diagnosis import diagnosis
 from via_bringup.demo.live import live
-from via_bringup.demo.page import write_page
 from via_bringup.demo.recordings import recordings as recordings_of
 from via_bringup.demo.robot import real_robot
 from via_bringup.demo.summary import Summary
@@ -62,6 +63,13 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
     shutil.rmtree(out, ignore_errors=True)
     unfinished.rename(out)
     return summary
+
+
+def write_page(summary: Summary, path: Path) -> None:
+    """Write the HTML page, which shows the pictures beside it."""
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    template = environment.from_string(files("via_bringup.demo").joinpath("page.html").read_text("utf-8"))
+    path.write_text(template.render(s=summary), encoding="utf-8")
 
 
 def _begin(out: Path) -> Path:

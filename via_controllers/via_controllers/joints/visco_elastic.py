@@ -66,13 +66,6 @@ class ViscoElasticJoint:
         back = self.first_turn + (np.arange(more + 1) * self.between_turns if more else np.zeros(1))
         return np.asarray(horizon - back[::-1], dtype=float)
 
-    def motor_velocity(self, time: float, horizon: float) -> float:
-        """thetad / v at `time` [s] since the start: +-1 in [0, horizon) [s], 0 outside."""
-        if not 0.0 <= time < horizon:
-            return 0.0
-        left = int(np.count_nonzero(self.turns(horizon) > time))
-        return -1.0 if left % 2 else 1.0
-
     def response(self, time: Array) -> Array:
         """g(t) [1/s], shape of `time` [s] >= 0: response of the link velocity to a unit impulse of motor velocity."""
         t, omega, D = np.asarray(time, dtype=float), self.frequency, self.damping_ratio

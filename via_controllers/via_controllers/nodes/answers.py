@@ -11,7 +11,7 @@ from via_ros.conversions import Command
 from via_ros.interfaces import stamp_bytes
 from via_ros.serialised import CommandBytes, Template
 
-from via_controllers.robot import ControlledArm, ControlledJoint
+from via_controllers.robot import Controlled
 from via_controllers.supervision.arm_limits import Limit
 from via_controllers.supervision.arm_supervision import Answer
 
@@ -23,7 +23,7 @@ class AnswerWriter:
     limits  of the motors, as texts
     """
 
-    def __init__(self, robot: ControlledArm | ControlledJoint, method: str) -> None:
+    def __init__(self, robot: Controlled, method: str) -> None:
         arm, quantities = robot.supervisor.limits.arm, robot.supervisor.controller.quantities
         limits = {
             "torque_limit": arm.torque_limit,

@@ -41,8 +41,8 @@ from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
 from via_controllers.nodes.answers import AnswerWriter, limit_names
-from via_controllers.nodes.samples import sample_reader, time_since
-from via_controllers.robot import ControlledArm, ControlledJoint
+from via_controllers.nodes.samples import SampleReader
+from via_controllers.robot import Controlled
 from via_controllers.supervision.arm_supervision import GAP, Change
 from via_controllers.supervision.lateness import LATEST, Lateness
 
@@ -61,7 +61,7 @@ WARM_UP = 3  # steps before the first sample, to load compiled functions
 
 # A subscription beside the samples: class of the messages, topic, callback, quality of service.
 Input = tuple[Any, str, Callable[[Any], None], Any]
-Connect = Callable[[Any], tuple[ControlledArm | ControlledJoint, tuple[Input, ...]]]
+Connect = Callable[[Any], tuple[Controlled, tuple[Input, ...]]]
 
 
 class ControllerNode(LifecycleNode):
@@ -148,7 +148,7 @@ class ControllerNode(LifecycleNode):
         self._state = self._supervisor.init()
         _warm_up(self._robot)
         self._writer = AnswerWriter(self._robot, self.get_name())
-        self._decoder, self._reader = JointStateDecoder(), sample_reader(self._robot)
+        self._decoder, self._reader = JointStateDecoder(), SampleReader(self._robot)
         self._answered = self._unusable = self._reported = self._silences = self._broken = self._stopped = 0
         self._faults: dict[str, bool] = {}  # since the last report
         self._gate = Gate(self.get_logger())
@@ -197,7 +197,7 @@ class ControllerNode(LifecycleNode):
 
     def time_of(self, stamp: Any) -> float:
         """[s] of a message's stamp in the time of samples; NaN before the first sample."""
-        return time_since(self._reader.origin, stamp)
+        return self._reader.time_of(stamp)
 
     def update(self, change: Change) -> None:
         """Apply `change` to the controller's state if the controller is active."""
@@ -308,7 +308,7 @@ def _is_present(stamp: int) -> bool:
     return bool(0 <= time.time_ns() - stamp <= SAME_CLOCK)
 
 
-def _warm_up(robot: ControlledArm | ControlledJoint) -> None:
+def _warm_up(robot: Controlled) -> None:
     """Load compiled functions; raises ParameterError where the controller does not fit the robot's motors."""
     supervisor: Any = robot.supervisor
     n = supervisor.limits.arm.n

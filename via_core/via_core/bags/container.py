@@ -11,12 +11,17 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
 from numba import njit
 from numpy.typing import NDArray
 
@@ -27,12 +32,13 @@ Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
 MAGIC = b"\x89MCAP0\r\n"
-_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS, _METADATA = 1, 2, 3, 4, 5, 6, 11, 12
 _RECORD_HEAD = 9  # opcode u8, length u64
 _MESSAGE_HEAD = 22  # channel u16, sequence u32, log_time u64, publish_time u64
 # length of the payload [bytes], times [ns], and rank among all messages of the file
 ROW = np.dtype([(name, np.int64) for name in ("length", "log_time", "publish_time", "sequence", "position")])
 _BATCH = 64 << 20  # [bytes] of uncompressed chunks processed at once
+_INVALID = (struct.error, UnicodeDecodeError, EndOfFile)  # of a record that is too short, or no text
+_NOT_UNPACKED = (*_INVALID, zstandard.ZstdError, RuntimeError, OverflowError, MemoryError)  # of a chunk
 
 
 @dataclass(frozen=True)
@@ -154,19 +160,19 @@ class _Walk:
 
     def container(self) -> Container:
         opcodes, offsets, lengths, end = _records(self.data, len(MAGIC), len(self.data))
-        if len(opcodes) == 0 or opcodes[0] != _HEADER:
+        if len(opcodes) == 0 or opcodes[0] != Opcode.HEADER:
             raise BagError(f"{self.path.name} ends before its first record; nothing can be read from it")
         try:
-            profile = _Fields(self._content(offsets[0], lengths[0])).text()
-        except (struct.error, IndexError, UnicodeDecodeError):
+            profile = _Record(self._content(offsets[0], lengths[0])).read_prefixed_string()
+        except _INVALID:
             raise BagError(f"{self.path.name} has an invalid header") from None
-        loose = opcodes == _MESSAGE
+        loose = opcodes == Opcode.MESSAGE
         if loose.any():
             self._declarations(self.data, opcodes, offsets, lengths)
             self._messages(self.data, offsets[loose], lengths[loose])
         batch: list[bytes] = []
         size = 0
-        for offset, length in zip(offsets[opcodes == _CHUNK].tolist(), lengths[opcodes == _CHUNK].tolist()):
+        for offset, length in zip(offsets[opcodes == Opcode.CHUNK].tolist(), lengths[opcodes == Opcode.CHUNK].tolist()):
             whole = self._whole_chunk(offset, length)
             if whole is not None:
                 batch.append(whole)
@@ -174,13 +180,13 @@ class _Walk:
             if size > _BATCH:
                 self._batch(batch)
                 batch, size = [], 0
-        footer = bool((opcodes == _FOOTER).any())
+        footer = bool((opcodes == Opcode.FOOTER).any())
         if not footer:
             batch.append(self._partial_chunk(end))
         self._batch(batch)
         self._declarations(self.data, opcodes, offsets, lengths)  # the summary repeats those of the chunks
         self._ending(footer, end)
-        for offset in offsets[(opcodes == _STATISTICS) & (lengths >= 8)].tolist():
+        for offset in offsets[(opcodes == Opcode.STATISTICS) & (lengths >= 8)].tolist():
             promised = int.from_bytes(self._content(offset, 8), "little")
             if promised != self.count:
                 self.remarks.append(f"the file holds {self.count} messages, its statistics state {promised}")
@@ -199,27 +205,25 @@ class _Walk:
 
     def _declarations(self, data: Bytes, opcodes: Bytes, offsets: Integers, lengths: Integers) -> None:
         """Store the schemas, channels and metadata among these records."""
-        for k in np.flatnonzero((opcodes == _SCHEMA) | (opcodes == _CHANNEL) | (opcodes == _METADATA)):
-            fields = _Fields(data[offsets[k] : offsets[k] + lengths[k]].tobytes())
+        for k in np.flatnonzero(np.isin(opcodes, [Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA])):
             try:
-                self._declaration(int(opcodes[k]), fields)
-            except (struct.error, UnicodeDecodeError, IndexError):
+                self._declaration(int(opcodes[k]), _Record(data[offsets[k] : offsets[k] + lengths[k]].tobytes()))
+            except _INVALID:
                 self.remarks.append(f"the record at byte {offsets[k]} is an invalid declaration")
 
-    def _declaration(self, opcode: int, fields: _Fields) -> None:
-        if opcode == _METADATA:
-            name = fields.text()
-            self.metadata[name] = fields.text_map()
-        elif opcode == _SCHEMA:
-            number = fields.number("<H")
-            name, encoding = fields.text(), fields.text()
-            schema = Schema(name, encoding, bytes(fields.piece(fields.number("<I"))))
-            self._declare("schema", number, self.schemas, schema, LIMITS.schemas)
+    def _declaration(self, opcode: int, record: ReadDataStream) -> None:
+        if opcode == Opcode.METADATA:
+            metadata = records.Metadata.read(record)
+            self.metadata[metadata.name] = metadata.metadata
+        elif opcode == Opcode.SCHEMA:
+            schema = records.Schema.read(record)
+            self._declare(
+                "schema", schema.id, self.schemas, Schema(schema.name, schema.encoding, schema.data), LIMITS.schemas
+            )
         else:
-            number, of_schema = fields.number("<H"), fields.number("<H")
-            topic, encoding = fields.text(), fields.text()
-            channel = Channel(topic, self.schemas.get(of_schema), encoding, fields.text_map())
-            self._declare("channel", number, self.channels, channel, LIMITS.channels)
+            given = records.Channel.read(record)
+            channel = Channel(given.topic, self.schemas.get(given.schema_id), given.message_encoding, given.metadata)
+            self._declare("channel", given.id, self.channels, channel, LIMITS.channels)
 
     def _declare(self, kind: str, number: int, known: dict[int, Any], declared: Any, most: int) -> None:
         """Keep a declaration; the first one of a number counts."""
@@ -231,36 +235,36 @@ class _Walk:
     def _whole_chunk(self, offset: int, length: int) -> bytes | None:
         """The records of one chunk; None, with a remark, when it is damaged."""
         try:
-            fields = _Fields(self.data[offset : offset + length].data)
-            size, checksum, compression = _chunk_head(fields)
+            chunk = records.Chunk.read(_Record(self._content(offset, length)))
+            size, checksum = chunk.uncompressed_size, chunk.uncompressed_crc
             if size > LIMITS.chunk:
                 raise BagError(f"it states {size} bytes, more than {LIMITS.chunk}")
-            records = self._unpacked(fields.piece(fields.number("<Q")), compression, size)
+            content = self._unpacked(chunk, size)
         except BagError as error:
             reason = str(error)
-        except (struct.error, UnicodeDecodeError, IndexError, zstandard.ZstdError, RuntimeError, MemoryError) as error:
+        except _NOT_UNPACKED as error:
             reason = one_line(error)
         else:
-            if len(records) != size:
-                reason = f"it holds {len(records)} bytes, its header states {size}"
-            elif checksum and zlib.crc32(records) != checksum:
+            if len(content) != size:
+                reason = f"it holds {len(content)} bytes, its header states {size}"
+            elif checksum and zlib.crc32(content) != checksum:
                 reason = "its checksum differs"
             else:
                 self._pay(size)
-                return records
+                return content
         self.remarks.append(f"the chunk at byte {offset - _RECORD_HEAD} is left out: {reason}")
         return None
 
-    def _unpacked(self, packed: Any, compression: str, size: int) -> bytes:
+    def _unpacked(self, chunk: records.Chunk, size: int) -> bytes:
         """The content of a chunk, at most one byte more than `size`; of a truncated one its beginning."""
-        if compression == "":
-            return bytes(packed[: size + 1])
-        if compression == "zstd":
-            with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
+        if chunk.compression == "":
+            return chunk.data[: size + 1]
+        if chunk.compression == "zstd":
+            with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
                 return bytes(reader.read(size + 1))
-        if compression == "lz4":
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
-        raise BagError(f"compression '{compression}' is unknown")
+        if chunk.compression == "lz4":
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1))
+        raise BagError(f"compression '{chunk.compression}' is unknown")
 
     def _pay(self, size: int) -> None:
         """Raise BagError when the bag becomes larger than the limit."""
@@ -271,14 +275,12 @@ class _Walk:
     def _partial_chunk(self, begin: int) -> bytes:
         """The readable part of the chunk record at `begin` that the end of the file truncates; may be empty."""
         rest = self.data[begin:].tobytes()
-        if len(rest) <= _RECORD_HEAD or rest[0] != _CHUNK:
+        if len(rest) <= _RECORD_HEAD or rest[0] != Opcode.CHUNK:
             return b""
-        fields = _Fields(rest[_RECORD_HEAD:])
         try:
-            size, _, compression = _chunk_head(fields)
-            fields.number("<Q")
-            return self._unpacked(fields.rest(), compression, min(size, LIMITS.chunk))
-        except (struct.error, UnicodeDecodeError, IndexError, zstandard.ZstdError, RuntimeError, MemoryError, BagError):
+            chunk = records.Chunk.read(ReadDataStream(BytesIO(rest[_RECORD_HEAD:])))  # its data may be truncated
+            return self._unpacked(chunk, min(chunk.uncompressed_size, LIMITS.chunk))
+        except (*_NOT_UNPACKED, BagError):
             return b""
 
     def _batch(self, chunks: list[bytes]) -> None:
@@ -292,7 +294,7 @@ class _Walk:
             return
         opcodes, offsets, lengths = (np.concatenate(column) for column in zip(*parts))
         self._declarations(data, opcodes, offsets, lengths)
-        self._messages(data, offsets[opcodes == _MESSAGE], lengths[opcodes == _MESSAGE])
+        self._messages(data, offsets[opcodes == Opcode.MESSAGE], lengths[opcodes == Opcode.MESSAGE])
 
     def _messages(self, data: Bytes, offset: Integers, length: Integers) -> None:
         short = length < _MESSAGE_HEAD
@@ -328,43 +330,17 @@ class _Walk:
             self.remarks.append(f"the file was not finished: it ends within the record at byte {end}")
 
 
-@dataclass
-class _Fields:
-    """Reads the fields of one record in order; struct.error or IndexError where the record is too short."""
+class _Record(ReadDataStream):
+    """The content of one record. Raises EndOfFile where it is too short, also by a part of a piece."""
 
-    data: Any
-    at: int = 0
+    def __init__(self, content: bytes) -> None:
+        super().__init__(BytesIO(content))
+        self._size = len(content)
 
-    def piece(self, count: int) -> Any:
-        if count > len(self.data) - self.at:
-            raise IndexError(f"{count} bytes wanted, {len(self.data) - self.at} left")
-        self.at += count
-        return self.data[self.at - count : self.at]
-
-    def rest(self) -> Any:
-        return self.piece(len(self.data) - self.at)
-
-    def number(self, form: str) -> int:
-        value: int = struct.unpack_from(form, self.data, self.at)[0]
-        self.at += struct.calcsize(form)
-        return value
-
-    def text(self) -> str:
-        return bytes(self.piece(self.number("<I"))).decode()
-
-    def text_map(self) -> dict[str, str]:
-        end = self.number("<I") + self.at
-        entries: dict[str, str] = {}
-        while self.at < end:
-            key = self.text()
-            entries[key] = self.text()
-        return entries
-
-
-def _chunk_head(fields: _Fields) -> tuple[int, int, str]:
-    """Uncompressed size [bytes], checksum (0: none) and compression of the chunk whose content `fields` reads."""
-    fields.piece(16)  # first and last log time: the messages have their own
-    return fields.number("<Q"), fields.number("<I"), fields.text()
+    def read(self, length: int) -> bytes:
+        if length > self._size - self.count:
+            raise EndOfFile(f"{length} bytes wanted, {self._size - self.count} left")
+        return super().read(length)
 
 
 def _read(data: Bytes, offset: Integers, form: str) -> Integers:

@@ -16,7 +16,6 @@ from via_core.devices import Device
 from via_core.errors import ViaError
 from via_core.text_files import write_text
 from via_export import check, export
-from via_export.exporting import SUFFIXES
 from via_gap.residual.errors import Errors
 from via_sim.effects import Effect, place_name
 
@@ -24,7 +23,7 @@ from via_validation.exports.sources import Group, Source
 from via_validation.gap_real.run import DECIDING, digest_of_sources
 
 ALLOWED = 0.02  # difference of gaps
-FORMATS = ("mjcf", "urdf", "sdf")  # that other programs read
+FORMATS = {"mjcf": ".xml", "urdf": ".urdf", "sdf": ".sdf"}  # that other programs read, and their suffixes
 SENSORS = "sensors: steps and noise"  # lost in every format, without influence on the motion
 
 
@@ -143,7 +142,7 @@ def exported(source: Source, files: Path) -> Exported:
 def _write(files: Path, name: str, device: Device, effects: Sequence[Effect]) -> None:
     files.mkdir(parents=True, exist_ok=True)
     for to in FORMATS:
-        write_text(files / f"{name}{SUFFIXES[to]}", export(device, effects, to).text)
+        write_text(files / f"{name}{FORMATS[to]}", export(device, effects, to).text)
 
 
 def _lost(device: Device, effects: Sequence[Effect]) -> tuple[Lost, ...]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from via_core.devices import load_device
-from via_core.metrics import mse
 from via_estimators.modulated_torque import ModulatedTorque
 
 from via_validation.tables.cubic_joint import (
@@ -23,6 +22,7 @@ from via_validation.tables.cubic_joint import (
     cubic_log,
     log_of,
 )
+from via_validation.tables.errors import mse
 from via_validation.tables.rows import Progress, Row
 from via_validation.tables.section3_methods import (
     Outcome,

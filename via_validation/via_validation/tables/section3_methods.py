@@ -8,7 +8,6 @@ from math import factorial, sqrt
 
 import numpy as np
 from numba import njit
-from via_core.metrics import mse, msrep
 from via_core.signals import Array
 from via_core.springs import SinhSpring
 from via_core.weak_form import modulating
@@ -19,6 +18,7 @@ from via_estimators.modulated_torque import ModulatedTorque, ModulatedTorquePara
 
 from via_validation.tables import modulating_errors as errors
 from via_validation.tables.cubic_joint import DAMPING, INERTIA, TAU, THETA, TORQUE_RATIO, Log, cubic_log
+from via_validation.tables.errors import mse, msrep
 
 
 def differentiated(order: int, log: Log, stride: int = 1, span: float = 0.5) -> ModulatedStiffness:

@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.signal import savgol_filter
-from via_core.metrics import mse, msrep
 from via_estimators.savitzky_golay import savitzky_golay
 
+from via_validation.tables.errors import mse, msrep
 from via_validation.tables.rows import Progress, Row
 from via_validation.tables.section4_methods import (
     FROM,

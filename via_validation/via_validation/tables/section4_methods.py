@@ -8,7 +8,6 @@ from math import log
 
 import numpy as np
 from numba import njit
-from via_core.metrics import mse, msrep
 from via_core.signals import Array
 from via_core.status import Status
 from via_estimators.contract import Estimator
@@ -19,6 +18,7 @@ from via_estimators.signal_based import SignalBased, SignalBasedParameters
 
 from via_validation.tables.batch import BatchLaw, batch_law, integral_rows
 from via_validation.tables.cubic_joint import POSITION_RATIO, TAU, THETA, TORQUE_RATIO, cubic_log
+from via_validation.tables.errors import mse, msrep
 from via_validation.tables.vsa2 import DAMPING, INERTIA, PERIOD, QUANTUM, TORQUE_NOISE, Motion, held, motion, nominal
 
 MM = 1e3  # N mm per N m

@@ -90,11 +90,6 @@ class IfCondition:
         return text(self.predicate, context).strip().lower() in ("true", "1")
 
 
-class UnlessCondition(IfCondition):
-    def holds(self, context: Context) -> bool:
-        return not super().holds(context)
-
-
 @dataclass(frozen=True)
 class ParameterValue:
     value: Any
@@ -172,7 +167,7 @@ class LaunchDescription:
 MODULES: dict[str, tuple[type, ...]] = {
     "launch": (LaunchDescription, type("LaunchContext", (dict,), {})),
     "launch.actions": (DeclareLaunchArgument, LogInfo, OpaqueFunction, SetEnvironmentVariable),
-    "launch.conditions": (IfCondition, UnlessCondition),
+    "launch.conditions": (IfCondition,),
     "launch.substitutions": (EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution, PythonExpression),
     "launch_ros": (),
     "launch_ros.actions": (Node,),
