@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
 import pytest
@@ -13,26 +13,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from via_gap.candidates.fit import event_times
 from via_gap.candidates.location import Location
-from via_gap.selection.evidence import Evaluation, significantly_worse
+from via_gap.selection.evidence import Evaluation, compared, significantly_worse, simplest, without_needless
 from via_gap.selection.numbers import NUMBERS
-from via_gap.selection.verdict import (
+from via_gap.selection.ties import (
     SAME,
-    Decision,
     _agreeing,
-    _common,
-    _effective_number,
-    _plainest,
+    common_part,
+    doubt,
+    plainest,
+    tied_with,
+)
+from via_gap.selection.verdict import (
+    Decision,
     _ranking,
-    _tied,
     accepted,
-    compared,
     decide,
     fractions,
     improvable,
     ladder,
     relevant,
-    simplest,
-    without_needless,
 )
 
 SEGMENTS = 40
@@ -105,8 +104,8 @@ def answer(tuned: Evaluation, models: list[Evaluation]) -> tuple[list[Evaluation
     if last is tuned:
         return [], tuned
     same_size = [each for each in models if len(each.fit.effects) == len(last.fit.effects)]
-    tied = _tied(last, compared(same_size))
-    return tied, _plainest(tied)
+    tied = tied_with(last, compared(same_size))
+    return tied, plainest(tied)
 
 
 def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluation) -> tuple[str, Evaluation]:
@@ -121,8 +120,8 @@ def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluati
         return "unknown", tuned
     if max(share) < 0.25:
         return "cannot_tell", tuned
-    if round(_effective_number(tied), 6) > 3.0:
-        common = _common(tied, models)
+    if round(doubt(tied), 6) > 3.0:
+        common = common_part(tied, models)
         if common is None or max(parts_by_hand(tuned, common, flexible)) < 0.8:
             return "cannot_tell", tuned
         if max(parts_by_hand(tuned, common, None)) < 0.25:
@@ -256,27 +255,47 @@ def test_tied_models_count_by_how_likely_they_are():
     """Three or four equal ones, one of them under two names, and one that is nearly certain beside three others."""
     places = (BACKLASH, INERTIA, DRAG, COULOMB)
     equal = [even(1.0 + 0.01 * k, place) for k, place in enumerate(places)]
-    assert _effective_number(equal[:1]) == pytest.approx(1.0) and _effective_number(equal) == pytest.approx(4.0)
+    assert doubt(equal[:1]) == pytest.approx(1.0) and doubt(equal) == pytest.approx(4.0)
     names = [even(1.0, BACKLASH), even(1.0, STRIBECK), even(1.01, INERTIA)]  # parts 2/3 and 1/3
     expected = np.exp(np.log(3.0) - 2.0 / 3.0 * np.log(2.0))
-    assert _effective_number(names) == pytest.approx(expected)
+    assert doubt(names) == pytest.approx(expected)
     beyond = 4.0 * NUMBERS.margin + 0.01 * np.arange(3)
     behind = [even(float(np.expm1(np.log(2.0) + each)), place) for each, place in zip(beyond, places[1:], strict=True)]
     weights = np.append(1.0, np.exp(1.0 - beyond / NUMBERS.margin))
     shares = weights / weights.sum()
-    assert _effective_number([equal[0], *behind]) == pytest.approx(np.exp(-np.sum(shares * np.log(shares))))
-    assert _effective_number([equal[0], *behind]) < 2.0
+    assert doubt([equal[0], *behind]) == pytest.approx(np.exp(-np.sum(shares * np.log(shares))))
+    assert doubt([equal[0], *behind]) < 2.0
+
+
+def test_alternatives_of_two_effects_do_not_multiply():
+    """Delay or lag beside inertia or payload: four models, two alternatives in each place."""
+    tuned = even(100.0)
+    four = [even(1.0 + 0.01 * k, *each) for k, each in enumerate(product((DRAG, VISCOUS), (INERTIA, PAYLOAD)))]
+    assert doubt(four) == pytest.approx(2.0)
+    assert decide(tuned, four, reaching(1.0)).verdict == "several_effects"
+    third = [even(1.0 + 0.01 * k, DRAG, place) for k, place in enumerate((INERTIA, PAYLOAD, BACKLASH, DAMPING))]
+    assert doubt(third) == pytest.approx(4.0)
+    assert decide(tuned, third, reaching(1.0)).verdict == "cannot_tell"
+    assert decide(tuned, [*third, even(1.5, DRAG)], reaching(1.0)).named == (DRAG,)
+
+
+def test_an_effect_that_contains_a_plainer_one_stands_in_the_same_place():
+    """Coulomb or Stribeck friction, beside one of four other effects: dry friction is certain."""
+    tuned, frictions = even(100.0), (COULOMB, STRIBECK, COULOMB, STRIBECK)
+    four = [even(1.0 + 0.01 * k, *each) for k, each in enumerate(zip(frictions, (INERTIA, BACKLASH, DRAG, DAMPING)))]
+    assert decide(tuned, four, reaching(1.0)).verdict == "cannot_tell"
+    assert decide(tuned, [*four, even(1.5, COULOMB)], reaching(1.0)).named == (COULOMB,)
 
 
 def test_what_tied_models_have_in_common_is_a_model_that_was_compared():
     pairs = [even(1.0, COULOMB, BACKLASH), even(1.0, INERTIA, COULOMB), even(1.0, COULOMB, DRAG)]
     alone, other = even(2.0, COULOMB), even(2.0, INERTIA)
-    assert _common(pairs, [*pairs, other, alone]) is alone
-    assert _common(pairs, [*pairs, other]) is None  # nobody compared it
-    assert _common([*pairs, even(1.0, INERTIA, DRAG)], [*pairs, other, alone]) is None
-    assert _common([alone, other], [alone, other]) is None
+    assert common_part(pairs, [*pairs, other, alone]) is alone
+    assert common_part(pairs, [*pairs, other]) is None  # nobody compared it
+    assert common_part([*pairs, even(1.0, INERTIA, DRAG)], [*pairs, other, alone]) is None
+    assert common_part([alone, other], [alone, other]) is None
     three = [even(1.0, COULOMB, BACKLASH, place) for place in (INERTIA, DRAG)]
-    assert _common(three, [alone, even(2.0, BACKLASH, COULOMB)]).fit.locations == (BACKLASH, COULOMB)
+    assert common_part(three, [alone, even(2.0, BACKLASH, COULOMB)]).fit.locations == (BACKLASH, COULOMB)
 
 
 def test_one_model_under_two_names_has_the_name_with_fewer_parameters():

@@ -11,7 +11,7 @@ significantly worse than model b if the lower end of the confidence interval of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -25,6 +25,7 @@ from via_gap.selection.numbers import NUMBERS
 
 BLOCK = 1.0  # [s] of segments that are resampled together; at least one segment
 RESAMPLES = 300
+Kinds = frozenset[tuple[str, str, int]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,3 +183,42 @@ def quantile() -> float:
 def freedom(fit: Fit) -> int:
     """Number of fitted parameters of the effects: an order of whole periods per turn is not fitted."""
     return int(np.count_nonzero(np.diag(fit.covariance)))
+
+
+def simplest(models: Sequence[Evaluation]) -> Evaluation:
+    """The best of the models without the needless ones."""
+    return min(without_needless(models), key=lambda each: (each.score, freedom(each.fit), str(each.fit.locations)))
+
+
+def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
+    """The models without those that are not significantly better than one with fewer parameters at the same sites."""
+    return _without_needless(models, _sites)
+
+
+def compared(models: Sequence[Evaluation]) -> list[Evaluation]:
+    """The models that share probability: those that are not merely a richer form of another one.
+
+    A payload that is seen only by its inertia needs one parameter more than a changed inertia of the link, but is no
+    less likely. A Stribeck friction without any Stribeck effect is just a Coulomb friction.
+    """
+    return _without_needless(models, kinds_of)
+
+
+def _without_needless(models: Sequence[Evaluation], comparable: Callable[[Evaluation], object]) -> list[Evaluation]:
+    """Only models that are equal in `comparable` compete by the number of their parameters."""
+
+    def needless(each: Evaluation, other: Evaluation) -> bool:
+        same = comparable(each) == comparable(other) and freedom(other.fit) < freedom(each.fit)
+        return same and not significantly_worse(other, each)
+
+    return [each for each in models if not any(needless(each, other) for other in models)]
+
+
+def kinds_of(each: Evaluation) -> Kinds:
+    """Every effect, as the simplest one that it contains, at every single site."""
+    return frozenset((place.plainest, *spot) for place in each.fit.locations for spot in place.spots)
+
+
+def _sites(each: Evaluation) -> list[tuple[str, int]]:
+    """Every single site, so that one effect at both motors compares with one at each."""
+    return sorted(spot for location in each.fit.locations for spot in location.spots)

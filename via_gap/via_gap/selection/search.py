@@ -27,9 +27,9 @@ from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, other_starts, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.selection.evidence import Evaluation
+from via_gap.selection.evidence import Evaluation, simplest
 from via_gap.selection.plausibility import absurd
-from via_gap.selection.verdict import improvable, relevant, simplest
+from via_gap.selection.verdict import improvable, relevant
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on held-out data

@@ -24,7 +24,6 @@ from operator import attrgetter
 from typing import Literal
 
 import numpy as np
-from via_core.signals import Array
 
 from via_gap.candidates.converged import converged
 from via_gap.candidates.covariance import delay_sd
@@ -32,20 +31,18 @@ from via_gap.candidates.fit import event_times
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.selection import reliability
-from via_gap.selection.confidence_set import confidence_set
-from via_gap.selection.evidence import (
-    Evaluation,
-    block_means,
-    freedom,
-    losses,
-    outdone_by,
-    resamples,
-    significantly_worse,
-)
+from via_gap.selection.evidence import Evaluation, compared, outdone_by, significantly_worse, simplest, without_needless
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
+from via_gap.selection.ties import (
+    common_part,
+    different,
+    doubt,
+    plainest,
+    shares_of,
+    tied_with,
+)
 
-SAME = 0.1  # of the margin: two models whose losses differ by less in a mean segment are one model under two names
 Verdict = Literal["effect", "several_effects", "main_effect", "unknown", "no_gap", "cannot_tell"]
 Locations = tuple[Location, ...]
 UNNAMED = ("unknown", "cannot_tell")  # verdicts about a gap without a named cause
@@ -137,8 +134,8 @@ def decide(
         if accepted(flexible_beside(tuned), tuned, tuned):
             return unnamed("unknown")
         return unnamed("cannot_tell", "the remaining error does not repeat with the motion")
-    tied = _tied(last, compared(_of_size(last, models)))
-    last = _plainest(tied)
+    tied = tied_with(last, compared(_of_size(last, models)))
+    last = plainest(tied)
     flexible = flexible_beside(last)
     if not noise_only(last):  # beside a wrong cause it may explain less than alone
         flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
@@ -146,10 +143,10 @@ def decide(
     if verdict in UNNAMED:
         return unnamed(verdict, reason)
     equivalent = tuple(dict.fromkeys(location for each in (last, *tied) for location in each.fit.locations))
-    if round(_effective_number(tied), 6) > NUMBERS.largest_set:
-        common = _common(tied, models)
+    if round(doubt(tied), 6) > NUMBERS.largest_set:
+        common = common_part(tied, models)
         if common is None or _verdict(tuned, common, flexible)[0] in UNNAMED:
-            reason = f"{len(set(_agreeing(tied)))} causes explain these data equally well"
+            reason = f"{different(tied)} causes explain these data equally well"
             return Decision("cannot_tell", tuned, 0.0, *_ranking(last, tied[0], models), equivalent, reason)
         # which other effect acts beside it is not certain
         verdict, last, equivalent = "main_effect", common, common.fit.locations
@@ -157,7 +154,7 @@ def decide(
     named = simplest([last, *(each for each in rivals if _verdict(tuned, each, flexible)[0] not in UNNAMED)])
     if named is not last:
         verdict = _verdict(tuned, named, flexible)[0]
-    also = _tied(named, [last, *rivals])
+    also = tied_with(named, [last, *rivals])
     equivalent = tuple(dict.fromkeys((*(place for each in also for place in each.fit.locations), *equivalent)))
     ranking = _ranking(named, tied[0], models, rivals)
     return Decision(
@@ -193,7 +190,7 @@ def _ranking(
     rivals  further ones, as rich as `named`: none of them is needless beside it
     """
     alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
-    shares = _shares([*compared(_of_size(best, models)), *rivals])
+    shares = shares_of([*compared(_of_size(best, models)), *rivals])
     ranked = sorted(
         ((location, round(share, 9), model) for (location, share), model in zip(*shares, strict=True)),
         key=lambda each: (-each[1], each[0] not in named.fit.locations, alone.get(each[0], np.inf)),
@@ -276,122 +273,8 @@ def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
     return steps
 
 
-def simplest(models: Sequence[Evaluation]) -> Evaluation:
-    """The best of the models without the needless ones."""
-    return min(without_needless(models), key=lambda each: (each.score, freedom(each.fit), str(each.fit.locations)))
-
-
-def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
-    """The models without those that are not significantly better than one with fewer parameters at the same sites."""
-    return _without_needless(models, _sites)
-
-
-def compared(models: Sequence[Evaluation]) -> list[Evaluation]:
-    """The models that share probability: those that are not merely a richer form of another one.
-
-    A payload that is seen only by its inertia needs one parameter more than a changed inertia of the link, but is no
-    less likely. A Stribeck friction without any Stribeck effect is just a Coulomb friction.
-    """
-    return _without_needless(models, _plainest_kinds)
-
-
-def _without_needless(
-    models: Sequence[Evaluation], comparable: Callable[[Evaluation], Sequence[object]]
-) -> list[Evaluation]:
-    """Only models that are equal in `comparable` compete by the number of their parameters."""
-
-    def needless(each: Evaluation, other: Evaluation) -> bool:
-        same = comparable(each) == comparable(other) and freedom(other.fit) < freedom(each.fit)
-        return same and not significantly_worse(other, each)
-
-    return [each for each in models if not any(needless(each, other) for other in models)]
-
-
-def _plainest_kinds(each: Evaluation) -> list[tuple[str, str, int]]:
-    """Every effect, as the simplest one that it contains, at every single site."""
-    return sorted((place.plainest, *spot) for place in each.fit.locations for spot in place.spots)
-
-
-def _sites(each: Evaluation) -> list[tuple[str, int]]:
-    """Every single site, so that one effect at both motors compares with one at each."""
-    return sorted(spot for location in each.fit.locations for spot in location.spots)
-
-
-def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
-    """The models in the confidence set of all models as large as the chosen one, the chosen one first."""
-    stacked = _block_losses(rivals, chosen)
-    kept, _ = confidence_set(stacked, resamples(stacked.shape[1]), NUMBERS.margin, NUMBERS.significance)
-    others = [rivals[k] for k in kept if rivals[k] is not chosen and not outdone_by(rivals[k], chosen)]
-    return [chosen, *others]
-
-
-def _block_losses(models: Sequence[Evaluation], reference: Evaluation) -> Array:
-    """(K, B) mean losses of blocks."""
-    return block_means(np.stack([losses(each, reference) for each in models]), reference.block)
-
-
-def _agreeing(models: Sequence[Evaluation]) -> list[int]:
-    """Index of the first of the models that each agrees with: the same error under another name."""
-    found: list[int] = []
-    for number, each in enumerate(models):
-        same = (k for k in dict.fromkeys(found) if _apart(each, models[k]) <= SAME * NUMBERS.margin)
-        found.append(next(same, number))
-    return found
-
-
-def _apart(one: Evaluation, other: Evaluation) -> float:
-    """Mean difference of the losses of two models in a segment."""
-    return float(np.mean(np.abs(losses(one, other) - losses(other, one))))
-
-
-def _plainest(tied: Sequence[Evaluation]) -> Evaluation:
-    """The model with the fewest parameters among those that are the first one under another name."""
-    same = [each for each, number in zip(tied, _agreeing(tied), strict=True) if number == 0]
-    return min(same, key=lambda each: (freedom(each.fit), each.score, str(each.fit.locations)))
-
-
-def _common(tied: Sequence[Evaluation], models: Sequence[Evaluation]) -> Evaluation | None:
-    """The model of the effects that all tied models have in common; None if there is none."""
-    common = frozenset.intersection(*(frozenset(each.fit.locations) for each in tied))
-    return next((each for each in models if common and frozenset(each.fit.locations) == common), None)
-
-
-def _parts(models: Sequence[Evaluation]) -> Array:
-    """(K,) frequency of each model in the best one on resampled blocks, divided between similar models.
-
-    One model under several names has equal parts, and so have models within the margin, which does not matter.
-    """
-    first = [models[number] for number in _agreeing(models)]
-    stacked = _block_losses(first, first[0])
-    means = stacked[:, resamples(stacked.shape[1])].mean(axis=2)
-    weight = np.exp(np.minimum(1.0 - (means - means.min(axis=0)) / NUMBERS.margin, 0.0))
-    return np.asarray((weight / weight.sum(axis=0)).mean(axis=1))
-
-
-def _effective_number(models: Sequence[Evaluation]) -> float:
-    """Number of equally likely different models that would leave as much doubt: the exponential of the entropy."""
-    different = np.bincount(_agreeing(models), weights=_parts(models))
-    shares = different[different > 0.0]
-    return float(np.exp(-np.sum(shares * np.log(shares))))
-
-
-def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
-    """Share of each location in the best of `rivals`, and of the models with it the one with the largest part."""
-    share = _parts(rivals)
-    total: dict[Location, float] = {}
-    model: dict[Location, tuple[float, Evaluation]] = {}
-    for each, part in zip(rivals, map(float, share), strict=True):
-        for location in each.fit.locations:
-            total[location] = total.get(location, 0.0) + part
-            if location not in model or part > model[location][0]:
-                model[location] = part, each
-    order = sorted(total, key=lambda location: (-total[location], freedom(model[location][1].fit)))
-    shares = tuple((location, min(total[location], 1.0)) for location in order)
-    return shares, tuple(model[location][1] for location in order)
-
-
 def _unnamed(tuned: Evaluation, models: Sequence[Evaluation], verdict: Verdict, reason: str = "") -> Decision:
     """A decision that names nothing: the tuned device, with single causes ranked beside it."""
     singles = without_needless([each for each in models if len(each.fit.effects) == 1])
-    shares, representatives = _shares([tuned, *singles])
+    shares, representatives = shares_of([tuned, *singles])
     return Decision(verdict, tuned, 0.0, shares, representatives, (), reason)
