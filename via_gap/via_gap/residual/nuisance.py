@@ -20,7 +20,6 @@ from via_core.device_parts import Tolerances
 from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.effects.device_numbers import DeviceNumber, numbers_of
-from via_sim.joint.compiled import compiled
 from via_sim.joint.parameters import POSITION_DRIVE, P
 from via_sim.plants import JointPlant
 
@@ -124,40 +123,38 @@ def _entries(content: dict[str, Any], name: str) -> tuple[dict[str, Any], Sequen
     return entries, (key.replace("dry", "coulomb").replace(" ", "_"),)
 
 
-@compiled
 def descend(normal: Array, gradient: Array, start: Array, low: Array, high: Array) -> Array:
     """argmin x' N x - 2 g' x for low <= x <= high (n,), N (n, n) positive, by an active set.
 
     Newton steps on the free coordinates; the first that would leave its interval is fixed at that end. Once the free
     ones have converged, the fixed one with the largest inward gradient is freed.
     """
-    x, diagonal = np.minimum(np.maximum(start, low), high), np.diag(normal).copy()
-    ridge = 1e-10 * diagonal + 1e-14 * max(diagonal.max(), 1e-300)
+    x = np.clip(start, low, high)
+    diagonal = np.diag(normal)
+    ridge = 1e-10 * diagonal + 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300)
     regular, gradient = normal + np.diag(ridge), gradient + ridge * x  # those without influence stay
     slope = gradient - regular @ x
     fixed = ((x <= low) & (slope <= 0.0)) | ((x >= high) & (slope >= 0.0)) | (low >= high)
     size = np.sqrt(diagonal + 1e-300)
-    least = 1e-9 * max((np.abs(gradient) / size).max(), 1e-300)
     for _ in range(6 * len(x) + 10):
         free = np.flatnonzero(~fixed)
         step = np.zeros_like(x)
-        if len(free) > 0:
-            step[free] = np.linalg.solve(np.ascontiguousarray(regular[free][:, free]), slope[free])
+        step[free] = np.linalg.solve(regular[np.ix_(free, free)], (gradient - regular @ x)[free])
         room = np.full(len(x), np.inf)
-        for i in free:
-            if step[i] != 0.0:
-                room[i] = ((high[i] if step[i] > 0.0 else low[i]) - x[i]) / step[i]
-        first = np.argmin(room)
-        whole = room[first] >= 1.0
-        x = np.minimum(np.maximum(x + (1.0 if whole else max(room[first], 0.0)) * step, low), high)
-        if not whole:
-            x[first] = high[first] if step[first] > 0.0 else low[first]
+        up, down = step > 0.0, step < 0.0
+        room[up] = (high - x)[up] / step[up]
+        room[down] = (low - x)[down] / step[down]
+        first = int(np.argmin(room))
+        if room[first] < 1.0:
+            x = np.clip(x + max(float(room[first]), 0.0) * step, low, high)
+            x[first] = high[first] if up[first] else low[first]
             fixed[first] = True
+            continue
+        x = np.clip(x + step, low, high)
         slope = gradient - regular @ x
-        if whole:
-            inwards = np.where(fixed & (low < high), np.where(x <= low, slope, -slope), -np.inf) / size
-            best = np.argmax(inwards)
-            if inwards[best] <= least:
-                break
-            fixed[best] = False
+        inwards = np.where(fixed & (low < high), np.where(x <= low, slope, -slope), -np.inf) / size
+        best = int(np.argmax(inwards))
+        if inwards[best] <= 1e-9 * float(np.max(np.abs(gradient) / size, initial=1e-300)):
+            break
+        fixed[best] = False
     return x

@@ -2,8 +2,8 @@
 
 LLVM keeps a pack in vector registers, which no loop over lanes guarantees. An equation written for numbers therefore
 serves all lanes of a block at once; a number among its operands counts for all lanes. A comparison is 1 or 0 in each
-lane. A product and a sum may be one instruction, which rounds once. Sine and exponential are polynomials, because the
-library has none for vectors; their terms are paired, because a step waits for the result (Estrin's scheme).
+lane. Sums and products round as scalar ones; sine and exponential are polynomials, because the library has none for
+vectors.
 
 Compiled functions read and write packs as rows of a matrix z (rows, LANES), in which `z[row, lane]` is one number.
 """
@@ -66,7 +66,7 @@ def _operator(function: Any, count: int, build: Callable[..., Any]) -> None:
 
 
 def _arithmetic(name: str) -> Callable[..., Any]:
-    return lambda builder, a, b: getattr(builder, name)(a, b, flags=("contract",))
+    return lambda builder, a, b: getattr(builder, name)(a, b)
 
 
 def _compared(order: str) -> Callable[..., Any]:
@@ -191,11 +191,14 @@ def _sine(x: Any) -> Any:
     turns = math.floor(x * 0.3183098861837907 + 0.5)
     r = (x - turns * 3.141592653589793) - turns * 1.2246467991473532e-16
     s = r * r
-    s2 = s * s
-    s4 = s2 * s2
-    low = (s * (1.0 / 120.0) - 1.0 / 6.0) + s2 * (s * (1.0 / 362880.0) - 1.0 / 5040.0)
-    high = (s * (1.0 / 6227020800.0) - 1.0 / 39916800.0) + s2 * (s * (1.0 / 355687428096000.0) - 1.0 / 1307674368000.0)
-    t = low + s4 * (high + s4 * (-1.0 / 121645100408832000.0))
+    t = s * (-1.0 / 121645100408832000.0) + 1.0 / 355687428096000.0
+    t = s * t - 1.0 / 1307674368000.0
+    t = s * t + 1.0 / 6227020800.0
+    t = s * t - 1.0 / 39916800.0
+    t = s * t + 1.0 / 362880.0
+    t = s * t - 1.0 / 5040.0
+    t = s * t + 1.0 / 120.0
+    t = s * t - 1.0 / 6.0
     odd = turns - 2.0 * math.floor(0.5 * turns)
     return (1.0 - 2.0 * odd) * (r + r * s * t)
 
@@ -206,12 +209,18 @@ def _exponential(x: Any) -> Any:
     x = min(max(x, -700.0), 700.0)
     k = math.floor(x * 1.4426950408889634 + 0.5)
     r = (x - k * 0.6931471803691238) - k * 1.9082149292705877e-10  # ln 2; k times its first 33 bits is exact
-    r2 = r * r
-    r4 = r2 * r2
-    low = (r + 1.0) + r2 * (r * (1.0 / 6.0) + 0.5)
-    middle = (r * (1.0 / 120.0) + 1.0 / 24.0) + r2 * (r * (1.0 / 5040.0) + 1.0 / 720.0)
-    high = (r * (1.0 / 362880.0) + 1.0 / 40320.0) + r2 * (r * (1.0 / 39916800.0) + 1.0 / 3628800.0)
-    t = low + r4 * (middle + r4 * (high + r4 * (1.0 / 479001600.0)))
+    t = r * (1.0 / 479001600.0) + 1.0 / 39916800.0
+    t = r * t + 1.0 / 3628800.0
+    t = r * t + 1.0 / 362880.0
+    t = r * t + 1.0 / 40320.0
+    t = r * t + 1.0 / 5040.0
+    t = r * t + 1.0 / 720.0
+    t = r * t + 1.0 / 120.0
+    t = r * t + 1.0 / 24.0
+    t = r * t + 1.0 / 6.0
+    t = r * t + 0.5
+    t = r * t + 1.0
+    t = r * t + 1.0
     return _times_power(t, k)
 
 
