@@ -1,6 +1,7 @@
 """Fits of single causes from poor starts, and what the screen proposes."""
 
 from dataclasses import replace
+from itertools import combinations
 from functools import cache
 
 import numpy as np
@@ -17,7 +18,7 @@ from via_gap.candidates.fit import Fit, fit_device_parameters
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.refinement import fit_on, member_slopes, refine
 from via_gap.candidates.scales import Scales, scales_of
-from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs
+from via_gap.candidates.screen import REACH, Direction, _Screen, directions, ranked, ranked_pairs
 from via_gap.candidates.starts import amount_range, starts
 from via_gap.report.causes import cause_of
 from via_gap.residual.nuisance import BOUND
@@ -107,6 +108,27 @@ def test_a_second_cause_shows_once_the_first_gives_way():
     assert giving_way[0][1] == Location("encoder_offset", "sensor", 0) != at_rest[0][1]
 
 
+def test_pairs_that_are_asked_for_one_by_one_come_in_the_order_of_all():
+    """Every candidate of a joint with friction and backlash, some with two directions, some without any influence."""
+    log = log_of(flexible(), (Effect("coulomb_friction", "motor", {"torque": 0.03}, 1),), seed=8, duration=6.0)
+    segments = cut_log(log)
+    problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
+    base = fit_device_parameters(problem)
+    jacobian = problem.nuisance_jacobian((), base.offsets, base.residual)
+    scales = scales_of([segments], [None], segments.time[segments.valid], problem.per_segment(base.residual))
+    tried = directions(problem, base, locations(problem.device, log), scales)
+    assert len({each.moved.shape[1] for each in tried}) > 1
+    screen = _Screen.of(base, jacobian, tried)
+    apart = [
+        pair
+        for pair in combinations(screen.best_starts(), 2)
+        if not tried[pair[0]].location.overlaps(tried[pair[1]].location)
+    ]
+    slow = [screen.predicted(pair) for pair in apart]
+    assert all(screen.least_losses(apart) <= [loss for loss, _ in slow])
+    assert list(ranked_pairs(base, jacobian, tried)) == sorted(slow, key=lambda each: each[0])
+
+
 def test_all_pairs_are_compared_where_the_best_single_cause_is_in_neither():
     """Of three directions the third is nearly the sum of the others; against least squares in bounds, one by one."""
     rng = np.random.default_rng(5)
@@ -120,7 +142,7 @@ def test_all_pairs_are_compared_where_the_best_single_cause_is_in_neither():
     residual = -(1.5 * one + 1.2 * two) + 0.01 * rng.normal(size=60)
     base = Fit((), np.zeros(2), float(residual @ residual), residual, np.empty((0, 0)))
     assert ranked(base, jacobian, tried)[0][1].name == "viscous_friction"
-    pairs = ranked_pairs(base, jacobian, tried)
+    pairs = list(ranked_pairs(base, jacobian, tried))
     assert {location.name for location, _ in pairs[0][1]} == {"coulomb_friction", "quadratic_drag"}
     assert [value for _, (value,) in pairs[0][1]] == pytest.approx([0.15, 0.12], abs=0.01)
     for loss, members in pairs:

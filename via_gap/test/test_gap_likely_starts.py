@@ -25,7 +25,8 @@ def test_the_most_likely_starts_of_linear_errors_are_those_of_ridge_regression()
     for own, errors, at in zip(slopes, begin, found):
         assert at == pytest.approx(-np.linalg.solve(own.T @ own + np.eye(2), own.T @ errors), abs=1e-9)
     assert there == pytest.approx(slopes, abs=1e-9)
-    shared = likely_start(lambda d: 0.1 * (begin + slopes @ d), 2)  # small errors: the loss is that of squares
+    # Small errors: the loss is that of squares.
+    shared = likely_start(lambda d: 0.1 * (begin + (slopes @ d.T).transpose(2, 0, 1)), 2)
     flat, target = 0.1 * slopes.reshape(-1, 2), 0.1 * begin.ravel()
     assert shared == pytest.approx(-np.linalg.solve(flat.T @ flat + np.eye(2), flat.T @ target), abs=1e-3)
 

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of, positioned
 from via_core.signals import Signals
-from via_gap.residual.memory import goals_along, torques_along, with_memory
+from via_gap.residual.memory import (
+    GOAL_NUMBERS,
+    DriveGoals,
+    _follow,
+    goals_along,
+    torques_along,
+    with_late_goal,
+    with_memory,
+)
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
@@ -90,3 +98,25 @@ def test_a_goal_is_as_far_behind_as_in_the_simulator_and_so_is_the_integral(effe
     np.testing.assert_allclose(found[1][:, :2], expected[:, :2], atol=1e-9)
     np.testing.assert_allclose(found[1][:, 2], expected[:, 2], atol=5e-6)  # the angle within a tick is interpolated
     assert np.abs(found[1]).max() > 0.1
+
+
+@pytest.mark.parametrize("effects", [(SLOW, LAG), (INTEGRAL,), (SLOW, AHEAD)], ids=str)
+def test_goals_that_are_kept_are_those_of_each_row_alone(effects):
+    """Every number of the drive matters, or its change leaves the goal as it was; the second answer is the kept one."""
+    device, rng = positioned(), np.random.default_rng(0)
+    row = JointPlant.from_device(device).with_effects(effects).at_rate(500.0)
+    rows = np.stack([JointPlant.from_device(device).at_rate(500.0), row, *np.repeat(row[None], len(GOAL_NUMBERS), 0)])
+    rows[range(2, len(rows)), GOAL_NUMBERS] *= np.where(np.isfinite(row[GOAL_NUMBERS]), 0.7, 1.0)
+    time = np.arange(1000) / 500.0
+    goal = 0.8 * np.sin(2.0 * time) + 0.2 * np.sign(np.sin(5.0 * time))
+    commands = command_rows(device, Signals(time, {"equilibrium": goal}, {"equilibrium": "rad"}), time)
+    measured, ticks = 0.9 * goal + 0.01 * rng.normal(size=1000), np.arange(3, 990, 40)
+    alone = np.zeros((len(rows), len(ticks), 3))
+    late = np.flatnonzero(with_late_goal(rows))
+    _follow(commands, measured, rows[late], ticks, alone[late[0] :])  # all rows but the first
+    assert late.tolist() == [*range(1, len(rows))] and np.abs(alone).max() > 0.01
+    goals = DriveGoals(commands, measured, ticks)
+    for _ in range(2):
+        assert np.array_equal(goals.states(rows), alone)
+    assert np.array_equal(goals.states(rows, np.repeat(commands[None], len(rows), axis=0)), alone)
+    assert 1 < len(goals._found) < len(late)

@@ -19,6 +19,7 @@ from via_gap.design.proposal import ENOUGH, Proposed, propose, tied, with_propos
 from via_gap.diagnosis import diagnose
 from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value
 from via_gap.residual.nuisance import nuisances
+from via_gap.residual.residual_model import ResidualModel
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.simulate import Simulator
@@ -75,6 +76,23 @@ def test_the_motion_breaks_the_tie(truth, tie):
     report = diagnose([log_of(device, (truth,), seed=41, duration=6.0), answer], device)
     assert report.verdict == "effect"
     assert [place.effect for place in report.equivalence_set] == [truth.name]
+
+
+def test_the_motion_is_the_best_of_all_with_every_pair_tried():
+    device = flexible()
+    blank = ResidualModel.of_plant(JointPlant.from_device(device))
+    causes = [proposal.TiedCause.of(cause) for cause in undecided(device, *RIVALS["Dahl or backlash"]).causes]
+    every = []
+    for motion in MOTIONS:
+        sizes = [
+            proposal._tried(blank, causes, np.zeros(len(blank.nuisances)), motion, share * proposal.RANGE, -np.inf)
+            for share in proposal.SMALLER
+        ]
+        every += [each for each in sizes if each is not None][:1]
+    best, found = max(every, key=lambda each: each.score), proposed_for("Dahl or backlash")
+    assert len(every) > 3
+    assert (found.motion, found.size, found.pair) == (best.motion, best.size, best.pair)
+    assert (found.score, found.disagreement) == pytest.approx((best.score, best.disagreement), rel=1e-9)
 
 
 def test_a_joint_with_a_torque_that_the_report_lacks_is_led_through_the_motion(tmp_path):

@@ -72,6 +72,22 @@ def test_torques_on_the_link_have_no_influence_on_an_unmeasured_motor():
     assert np.array_equal(again, shared[-3:])
 
 
+def test_rows_with_starts_of_their_own_move_as_alone():
+    """Starts of an unmeasured motor, of segments, and commands of several rows at once, beside one row at a time."""
+    segments = cut_log(without_motors(log_of(flexible(), (), seed=6, duration=4.0)))
+    rollout, rng = rollout_of(segments), np.random.default_rng(0)
+    begun, rows = 0.05 * rng.normal(size=(3, 6)), np.repeat(segments.nominal[None], 3, axis=0)
+    alone = [replace(rollout, motor_start=each).motion(rows[:1])[0] for each in begun]
+    assert np.max(np.abs(alone[1] - alone[0])) > 1e-3
+    assert rollout.motion(rows, begun=begun) == pytest.approx(np.stack(alone), abs=1e-9)
+    aside = 0.01 * rng.normal(size=(3, len(segments), 6))
+    alone = [rollout.motion(rows[:1], each)[0] for each in aside]
+    assert rollout.motion(rows, aside) == pytest.approx(np.stack(alone), abs=1e-9)
+    sent = segments.commands + 0.01 * rng.normal(size=(3, 1, 1))
+    alone = [rollout.motion(rows[:1], commands=each[None])[0] for each in sent]
+    assert rollout.motion(rows, commands=sent) == pytest.approx(np.stack(alone), abs=1e-9)
+
+
 def test_a_log_that_begins_in_motion_leaves_noise_beside_the_true_device():
     """The motor's state at the beginning is unknown: it is estimated, and what stays uncertain counts as noise."""
     log = log_of(flexible(), (), seed=6, duration=10.0, tolerance=0.0)

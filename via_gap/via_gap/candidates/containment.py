@@ -38,7 +38,8 @@ def contained(row: Callable[[Array], Array | None], at: Array, two_sided: Mask) 
     own = count + np.flatnonzero(two_sided)
     if here is None or not len(own):
         return found
-    slopes = np.stack([_slope(row, at, here, i) for i in (*range(count), *own)], axis=1)
+    before = with_spring_scales(here)
+    slopes = np.stack([_slope(row, at, before, i) for i in (*range(count), *own)], axis=1)
     numbers, effects = slopes[:, :count], slopes[:, count:]
     sizes = np.linalg.norm(effects, axis=0)
     effects = effects / np.where(sizes > 0.0, sizes, 1.0)
@@ -49,15 +50,17 @@ def contained(row: Callable[[Array], Array | None], at: Array, two_sided: Mask) 
     return found
 
 
-def _slope(row: Callable[[Array], Array | None], at: Array, here: Array, i: int) -> Array:
-    """(N_PARAMETERS,) derivative of the row by coordinate `i`; 0 if a step is invalid to both sides."""
+def _slope(row: Callable[[Array], Array | None], at: Array, before: Array, i: int) -> Array:
+    """(N_PARAMETERS,) derivative of the row by coordinate `i`; 0 if a step is invalid to both sides.
+
+    before  row at `at`, by `with_spring_scales`
+    """
     for step in (STEP, -STEP):
         there = at.copy()
         there[i] += step
         moved = row(there)
         if moved is not None:
-            before, after = with_spring_scales(here), with_spring_scales(moved)
-            change = np.zeros_like(here)
+            after, change = with_spring_scales(moved), np.zeros_like(before)
             np.subtract(after, before, out=change, where=~np.isclose(after, before, SAME, 0.0))  # limits are infinite
             return change / step
-    return np.zeros_like(here)
+    return np.zeros_like(before)

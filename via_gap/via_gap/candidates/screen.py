@@ -6,8 +6,9 @@ are ranked by the loss that remains after least squares over this direction and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from heapq import heappop, heappush
 from itertools import combinations
 
 import numpy as np
@@ -24,6 +25,7 @@ from via_gap.residual.residual_model import ResidualModel
 
 REACH = 12.0  # times the initial value: largest extrapolation of an effect
 LEAST = 0.02  # times the initial value: least amount from which a fit starts
+REGULAR = 1e-6  # least eigenvalue of a scaled normal matrix that rounding leaves; share of the loss for its rounding
 BATCH = 64  # starts that are simulated at once: those of links share the states of motors without an encoder
 
 
@@ -78,15 +80,24 @@ def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array
     return sorted(((loss, location, values) for loss, ((location, values),) in alone), key=lambda each: each[0])
 
 
-def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list[tuple[float, Members]]:
-    """All pairs of candidates by the predicted loss with the best amounts of both.
+def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> Iterator[tuple[float, Members]]:
+    """All pairs of candidates by the predicted loss with the best amounts of both, as far as they are asked for.
 
-    Pairs of one effect at a common site are left out. Each candidate is represented by its best start alone.
+    Pairs of one effect at a common site are left out. Each candidate is represented by its best start alone. A loss is
+    computed once a lower bound of it is less than all losses that are left.
     """
     screen = _Screen.of(base, jacobian, tried)
     pairs = combinations(screen.best_starts(), 2)
     apart = [(one, two) for one, two in pairs if not tried[one].location.overlaps(tried[two].location)]
-    return sorted(map(screen.predicted, apart), key=lambda each: each[0])
+    bounds = screen.least_losses(apart)
+    known: list[tuple[float, int, Members]] = []  # a heap; of equal losses the first pair leads
+    for number in np.argsort(bounds, kind="stable"):
+        while known and known[0][0] < bounds[number]:
+            yield known[0][0], heappop(known)[2]
+        loss, members = screen.predicted(apart[number])
+        heappush(known, (loss, int(number), members))
+    while known:
+        yield known[0][0], heappop(known)[2]
 
 
 def other_starts(fit: Fit, scales: Scales, device: Device) -> list[Members]:
@@ -136,6 +147,32 @@ class _Screen:
             if each.location not in best or loss < best[each.location][0]:
                 best[each.location] = (loss, number)
         return [number for _, number in best.values()]
+
+    def least_losses(self, pairs: Sequence[tuple[int, int]]) -> Array:
+        """(n,) lower bounds of the losses that `predicted` finds for pairs: with no limit to amounts and offsets.
+
+        With the offsets eliminated, M = N_kk - N_kj N_jj^-1 N_jk remains of the normal matrix. Minus infinity where M of
+        a pair is nearly singular.
+        """
+        count, size = len(self.base.offsets), len(self.normal) - len(self.base.offsets)
+        solved = np.linalg.solve(self.normal[:count, :count], np.c_[self.normal[:count, count:], self.gradient[:count]])
+        scale = np.sqrt(np.append(np.diag(self.normal)[count:], 1.0))
+        matrix, pull = np.eye(size + 1), np.zeros(size + 1)  # the last one fills up pairs with fewer directions
+        matrix[:size, :size] = self.normal[count:, count:] - self.normal[count:, :count] @ solved[:, :-1]
+        pull[:size] = self.gradient[count:] - self.normal[count:, :count] @ solved[:, -1]
+        matrix, pull = matrix / np.outer(scale, scale), pull / scale
+        columns = [np.concatenate([np.arange(self.first[each], self.first[each + 1]) for each in pair]) for pair in pairs]
+        most = max(map(len, columns), default=0)
+        at = np.array([np.append(own - count, np.full(most - len(own), size)) for own in columns], dtype=np.intp)
+        if not at.size:
+            return np.zeros(len(pairs))
+        own = matrix[at[:, :, None], at[:, None, :]]
+        values, vectors = np.linalg.eigh(own * ((at[:, :, None] < size) | np.eye(most, dtype=np.bool_)))
+        along = np.einsum("nij,ni->nj", vectors, pull[at])
+        regular = values[:, 0] > REGULAR
+        gain = np.sum(along**2 / np.where(regular[:, None], values, 1.0), axis=1)
+        free = self.base.loss - float(self.gradient[:count] @ solved[:, -1])
+        return np.where(regular, free - gain - REGULAR * abs(self.base.loss), -np.inf)
 
     def predicted(self, which: Sequence[int]) -> tuple[float, Members]:
         """Predicted loss with the best amounts of some of `tried` and the best nuisances, and the parameter values."""

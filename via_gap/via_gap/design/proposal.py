@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import islice, permutations
 from math import inf
 
 import numpy as np
@@ -129,11 +129,15 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
 
 
 def _proposals(blank: ResidualModel, causes: Sequence[TiedCause], offsets: Array, reach: float) -> list[Proposed]:
-    """Every motion of the family in the largest size that keeps within limits whichever cause is true."""
-    made = []
+    """Every motion of the family in the largest size that keeps within limits whichever cause is true.
+
+    A motion that separates one pair worse than an earlier motion separates all is not tried on the other pairs.
+    """
+    made: list[Proposed] = []
     for motion in MOTIONS:
-        sizes = (_tried(blank, causes, offsets, motion, share * reach) for share in SMALLER)
-        made += [each for each in sizes if each is not None][:1]
+        best = max((each.score for each in made), default=-inf)
+        sizes = (_tried(blank, causes, offsets, motion, share * reach, best) for share in SMALLER)
+        made += islice((each for each in sizes if each is not None), 1)
     return made
 
 
@@ -162,9 +166,12 @@ def _keeps(plant: JointPlant, size: float) -> bool:
 
 
 def _tried(
-    blank: ResidualModel, causes: Sequence[TiedCause], offsets: Array, motion: Motion, size: float
+    blank: ResidualModel, causes: Sequence[TiedCause], offsets: Array, motion: Motion, size: float, best: float
 ) -> Proposed | None:
-    """The motion of this size, if it keeps within limits whichever cause is true."""
+    """The motion of this size, if it keeps within limits whichever cause is true.
+
+    best  score at or below which the hardest pair is not looked for any further
+    """
     plants = _plants(blank, causes, offsets)
     commands, start = commands_of(plants[0], motion, size)
     logs = all_within_limits(plants, commands, start, size)
@@ -185,5 +192,7 @@ def _tried(
         if score < hardest:
             hardest, pair = score, (true.location, other.location)
             apart = float(np.sqrt(max(float(np.mean(wrong) - np.mean(own)), 0.0)))
+        if hardest <= best:
+            break
     reference = angles_under(plants[0], commands)
     return Proposed(motion, size, commands, reference, tuple(c.location for c in causes), pair, apart, hardest)

@@ -49,25 +49,25 @@ def likely_starts(errors: Errors, segments: int, count: int) -> tuple[Array, Arr
 
 
 def _slopes(errors: Errors, at: Array, now: Array) -> Array:
-    """(C, R, k) derivatives of the errors `now` (C, R) at d (..., k)."""
+    """(C, R, k) derivatives of the errors `now` (C, R) at d (C, k)."""
     return np.stack([(errors(at + STEP * unit) - now) / STEP for unit in np.eye(at.shape[-1])], axis=-1)
 
 
 def likely_start(errors: Errors, count: int) -> Array:
     """The most likely d (k,) that all segments share, with a loss that unexplained segments do not dominate.
 
-    errors  of d (k,): (C, R)
+    errors  of several d (M, k): (M, C, R)
     """
     at, loss = np.zeros(count), np.inf
-    now = errors(at)
+    (now,) = errors(at[None])
     for _ in range(ROUNDS):
         squares = np.mean(now**2, axis=1)
         pull = np.sqrt(np.minimum(2.0 / (1.0 + squares), 1.0))[:, None]
-        slopes = _slopes(errors, at, now)
+        slopes = np.moveaxis((errors(at + STEP * np.eye(count)) - now) / STEP, 0, -1)
         flat, weighed = (slopes * pull[..., None]).reshape(-1, count), (now * pull).ravel()
         step = np.linalg.solve(flat.T @ flat + np.eye(count), flat.T @ weighed + at)
-        tries = [at - share * step for share in SHARES]
-        found = [errors(each) for each in tries]
+        tries = np.stack([at - share * step for share in SHARES])
+        found = errors(tries)
         losses = [
             float(np.sum(np.log1p(np.mean(e**2, axis=1))) * now.shape[1] + a @ a)
             for a, e in zip(tries, found, strict=True)

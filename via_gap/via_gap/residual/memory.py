@@ -11,7 +11,9 @@ of a speed limit or a lag, is integrated along the commands in the same way, and
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from math import ceil
 
@@ -33,6 +35,8 @@ GOAL_NUMBERS = np.array([
     P.delay, P.lag, P.drive_speed_limit, P.integral_rate, P.integral_start, P.integral_limit, P.drive_torque_limit,
     P.saturation, P.drive_stiffness, P.drive_damping, P.feedforward,
 ])  # fmt: skip
+OF_INTEGRAL = [P.integral_start, P.integral_limit, P.drive_torque_limit, P.saturation]
+KEPT = 256  # rows of a log whose goals are kept
 
 
 def torques_along(rows: Array, angles: Array, ticks: Indices) -> Array:
@@ -40,9 +44,11 @@ def torques_along(rows: Array, angles: Array, ticks: Indices) -> Array:
 
     angles  (T, 3) [rad] of link and motors on every tick; NaN: not measured, taken as 0
     """
-    return _once_per_row(
-        rows, with_memory(rows), ELEMENTS, ticks, HELD, partial(_integrate, np.where(np.isfinite(angles), angles, 0.0))
-    )
+
+    def integrate(some: Array, ascending: Indices, out: Array) -> None:
+        _integrate(np.where(np.isfinite(angles), angles, 0.0), some, ascending, out)
+
+    return _once_per_row(rows, with_memory(rows), rows[:, ELEMENTS], ticks, HELD, integrate)
 
 
 def with_memory(rows: Array) -> Array:
@@ -51,13 +57,13 @@ def with_memory(rows: Array) -> Array:
 
 
 def _once_per_row(
-    rows: Array, which: Array, slots: Array, ticks: Indices, width: int, integrate: Callable[..., None]
+    rows: Array, which: Array, numbers: Array, ticks: Indices, width: int, integrate: Callable[..., None]
 ) -> Array:
-    """(K, n, width) by `integrate(rows, ascending ticks, out)`, once for rows `which` (K,) that agree in `slots`."""
+    """(K, n, width) by `integrate(rows, ascending ticks, out)`, once for rows `which` (K,) that agree in `numbers`."""
     out = np.zeros((len(rows), len(ticks), width))
     some = np.flatnonzero(which)
     if some.size and len(ticks):
-        _, first, alike = np.unique(rows[some][:, slots], axis=0, return_index=True, return_inverse=True)
+        _, first, alike = np.unique(numbers[some], axis=0, return_index=True, return_inverse=True)
         at, back = np.unique(ticks, return_inverse=True)
         found = np.zeros((first.size, len(at), width))
         integrate(np.ascontiguousarray(rows[some[first]]), at, found)
@@ -104,22 +110,55 @@ def goals_along(rows: Array, commands: Array, measured: Array, ticks: Indices) -
     commands  (T, N_COMMANDS) constant over each tick; before the first tick the drive had reached its first goal
     measured  (T,) [rad] by the drive's encoder, the goal while the drive is off
     """
-    return _once_per_row(rows, with_late_goal(rows), GOAL_NUMBERS, ticks, 3, partial(_follow, commands, measured))
+    numbers, follow = _goal_numbers(rows), partial(_follow, commands, measured)
+    return _once_per_row(rows, with_late_goal(rows), numbers, ticks, 3, follow)
 
 
-def integrals_along(rows: Array, commands: Array, measured: Array, ticks: Indices) -> Array | None:
-    """(K, n) [rad] integrals of the position drives of rows (K, N_PARAMETERS) at ticks (n,); None: none has any.
+@dataclass(frozen=True, eq=False)
+class DriveGoals:
+    """`goals_along` under the commands of a log, with a cache: most rows agree in what a goal depends on.
 
-    commands  (1 or K, T, N_COMMANDS) of all rows, or of each
-    measured  as of `goals_along`
+    commands  (T, N_COMMANDS)
+    measured  (T,) [rad]
+    ticks     (n,) ascending
     """
-    which = np.flatnonzero((rows[:, P.integral_rate] > 0.0) & (rows[:, P.link_drive] == POSITION_DRIVE))
-    if not which.size:
-        return None
-    found = np.zeros((len(rows), len(ticks)))
-    for k in which:
-        found[k] = goals_along(rows[k][None], commands[k % len(commands)], measured, ticks)[0, :, 2]
-    return found
+
+    commands: Array
+    measured: Array
+    ticks: Indices
+    _found: OrderedDict[bytes, Array] = field(default_factory=OrderedDict, init=False)
+
+    def states(self, rows: Array, commands: Array | None = None) -> Array:
+        """(K, n, 3) of rows (K, N_PARAMETERS); 0 where goals have no memory.
+
+        commands  (K, T, N_COMMANDS) of each row, instead of the log's; without the cache
+        """
+        if commands is not None:
+            each = zip(rows[:, None], commands, strict=True)
+            return np.concatenate([goals_along(row, sent, self.measured, self.ticks) for row, sent in each])
+        late, found = np.flatnonzero(with_late_goal(rows)), self._found
+        out = np.zeros((len(rows), len(self.ticks), 3))
+        keys = [each.tobytes() for each in _goal_numbers(rows[late])]
+        new = {key: rows[k] for key, k in zip(keys, late, strict=True) if key not in found}
+        if new:
+            made = np.zeros((len(new), *out.shape[1:]))
+            _follow(self.commands, self.measured, np.stack([*new.values()]), self.ticks, made)
+            found.update(zip(new, made, strict=True))
+        for key, k in zip(keys, late, strict=True):
+            out[k] = found[key]
+            found.move_to_end(key)
+        while len(found) > KEPT:
+            found.popitem(last=False)
+        return out
+
+
+def _goal_numbers(rows: Array) -> Array:
+    """(K, GOAL_NUMBERS) of rows (K, N_PARAMETERS), 0 where nothing depends on them."""
+    used = rows.copy()
+    without = rows[:, P.integral_rate] <= 0.0
+    used[np.ix_(without, OF_INTEGRAL)] = 0.0
+    used[np.ix_(without & (rows[:, P.feedforward] == 0.0), [P.drive_stiffness, P.drive_damping])] = 0.0
+    return used[:, GOAL_NUMBERS]
 
 
 @compiled
@@ -162,6 +201,12 @@ def _follow(commands: Array, measured: Array, rows: Array, ticks: Array, out: Ar
             if commands[last, POWER] > 0.5:
                 out[k, j, 0], out[k, j, 1] = commands[last, GOAL] - follows, follows - lags
             out[k, j, 2] = integral
+
+
+def write_goals(rows: Array, goals: Array, states: Array) -> None:
+    """Write into states (n, .) how far goals (n, 3) of position drives of rows (n, .) are behind, and integrals."""
+    late = with_late_goal(rows)
+    states[late, X.behind], states[late, X.lag], states[late, X.integral] = goals[late].T
 
 
 def write_history(

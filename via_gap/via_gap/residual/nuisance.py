@@ -85,8 +85,9 @@ def _tolerance(known: Tolerances, name: str) -> float:
 
 def apply_all(row: Array, each: tuple[Nuisance, ...], offsets: Array) -> None:
     """Apply every nuisance to a row in place; offsets (J,) in standard deviations of the tolerance."""
-    for nuisance, offset in zip(each, offsets, strict=True):
-        nuisance.apply(row, float(offset))
+    for nuisance, offset in zip(each, offsets.tolist(), strict=True):
+        if offset != 0.0:
+            nuisance.apply(row, offset)
 
 
 def repaired_device(device: Device, each: tuple[Nuisance, ...], offsets: Array) -> Device:

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from math import ceil
 
 import numpy as np
@@ -27,16 +28,17 @@ from via_core.signals import Array, Indices, Mask
 from via_sim.catalogue.drive.actuator_delay import MAX_DELAY
 from via_sim.joint.layout import QUEUED, X
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
+from via_sim.lockstep.pack import LANES
 
 from via_gap.residual.legs import Leg, Runs, divided, runs_of, simulate
 from via_gap.residual.likely_starts import STEP, likely_start, likely_starts
 from via_gap.residual.memory import (
     HELD,
-    goals_along,
-    integrals_along,
+    DriveGoals,
     torques_along,
     with_drive_memory,
     with_late_goal,
+    write_goals,
     write_history,
 )
 from via_gap.residual.segments import START, Segments, binned
@@ -44,7 +46,6 @@ from via_gap.residual.torque_noise import command_pulses
 from via_gap.residual.true_starts import Starts, correct, without_parts
 from via_gap.residual.unseen import UnseenMotors
 
-HUGE = 1e6  # in place of an overflow
 UNIT = np.eye(6)  # rows: one entry of a start each
 NEGLIGIBLE = 0.1  # of the noise: errors by start, gaps and torque noise that change a residual by less than .5 %
 LEAD = 0.06  # [s] longer than any lag between channels
@@ -57,16 +58,16 @@ class _Inputs:
     rows      (K, N_PARAMETERS)
     commands  (1 or K, T, N_COMMANDS) of all rows, or of each
     memory    (K, C, HELD) torques of elements with memory at the starts, unless `states` contain them
-    integral  (K, C) [rad] integrals of a position drive at the starts; None: there is none
+    goals     (K, n, 3) of `Rollout._goals`; None: goals have no memory
     states    (1 or K, C, S) states at the starts; None: they continue, or commands are not those of the log
-    offset    (C, 6) added to the starts
+    offset    (K, C, 6) added to the starts
     lasting   (K,) whether the state of a row continues from segment to segment
     """
 
     rows: Array
     commands: Array
     memory: Array | None
-    integral: Array | None
+    goals: Array | None
     states: Array | None
     offset: Array | None
     lasting: Mask
@@ -146,34 +147,39 @@ class Rollout:
         """Whitened values per segment."""
         return self.segments.measured.shape[1] * len(self.segments.axes)
 
-    def motion(self, rows: Array, offset: Array | None = None, commands: Array | None = None) -> Array:
+    def motion(
+        self, rows: Array, offset: Array | None = None, commands: Array | None = None, begun: Array | None = None
+    ) -> Array:
         """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS).
 
-        offset    (6,) is added to every start, or (C, 6) to that of each segment
+        offset    (6,) is added to every start, (C, 6) to that of each segment, (K, 1 or C, 6) also of each row
         commands  (K, T, N_COMMANDS) of each row, instead of the log's
+        begun     (K, 6) added to the state of motors without an encoder of each row when the log begins
 
         Each segment with each row is a run, or each chain of neighbours if the state of the row continues; runs of
         similar length are simulated in lockstep.
         """
-        out, runs = self._prepared(rows, offset, commands)
+        out, runs = self._prepared(rows, offset, commands, begun)
         simulate(runs)
         return out
 
-    def _prepared(self, rows: Array, offset: Array | None, commands: Array | None) -> tuple[Array, list[Runs]]:
+    def _prepared(
+        self, rows: Array, offset: Array | None, commands: Array | None, begun: Array | None
+    ) -> tuple[Array, list[Runs]]:
         """Memory for the angles of `motion`, and the runs that write it."""
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
         lasting = with_drive_memory(rows) & self._all_seen
         chains, runs = runs_of(self.chosen, lasting)
-        memory = integral = states = None
+        memory = goals = states = None
         sent = self.segments.commands[None] if commands is None else commands
         if self._all_seen:
             memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
-            integral = integrals_along(rows, sent, self.segments.start[:, 0], self.segments.begin[self.chosen])
+            goals = self._goals.states(rows, commands) if with_late_goal(rows).any() else None
             states = None if commands is not None or lasting.any() else self._begun[None]
         else:
-            states = self._states_of_unseen(rows, commands)
-        aside = None if offset is None else np.broadcast_to(offset, (len(self.chosen), 6))
-        inputs = _Inputs(rows, sent, memory, integral, states, aside, lasting)
+            states = self._states_of_unseen(rows, commands, begun)
+        aside = None if offset is None else np.broadcast_to(offset, (len(rows), len(self.chosen), 6))
+        inputs = _Inputs(rows, sent, memory, goals, states, aside, lasting)
         kind = tuple(map(float, self.segments.nominal[[P.tick, P.substeps]]))
         return out, [Runs(self._legs(inputs, chains, piece, out), len(piece), kind) for piece in divided(runs)]
 
@@ -182,17 +188,17 @@ class Rollout:
         segments, begin = self.segments, self.segments.begin[self.chosen]
         motion = self._starts(np.repeat(row[None], len(begin), axis=0), begin)
         if not self._all_seen:
-            return Starts(begin, self._states_of_unseen(row[None], None)[0], motion, None)
+            return Starts(begin, self._unseen_motors.states(row[None])[0], motion, None)
         ticks = np.maximum(begin - min(round(LEAD * segments.rate), segments.ticks), 0)
         states = self._initial(ticks, segments.commands, np.zeros(len(ticks), dtype=np.intp))
-        inputs = _Inputs(row[None], segments.commands[None], None, None, None, None, np.ones(1, dtype=np.bool_))
-        self._late_goals(inputs, np.zeros((len(ticks), 2), dtype=np.intp), ticks, states)
+        goals = replace(self._goals, ticks=ticks).states(row[None])[0]
+        write_goals(np.repeat(row[None], len(ticks), axis=0), goals, states)
         return Starts(ticks, states, motion, torques_along(row[None], segments.start[:, :3], begin)[0])
 
-    def _states_of_unseen(self, rows: Array, commands: Array | None) -> Array:
+    def _states_of_unseen(self, rows: Array, commands: Array | None, begun: Array | None = None) -> Array:
         """(K, C, S) states of rows at the beginning of each chosen segment, where a motor has no encoder."""
         if commands is None:
-            return self._unseen_motors.states(rows)
+            return self._unseen_motors.states(rows, begun)
         starts = self._at_rest(commands.reshape(-1, commands.shape[2]), np.arange(len(rows)) * commands.shape[1])
         return self._unseen_motors.integrated(rows, starts, commands)
 
@@ -231,8 +237,8 @@ class Rollout:
         sizes = self._start_sd()
 
         def errors(amounts: Array) -> Array:
-            moved = replace(self, motor_start=amounts @ sizes)
-            return np.nan_to_num(moved.residual(self.segments.nominal[None])[0], posinf=HUGE, neginf=-HUGE)
+            rows = np.repeat(self.segments.nominal[None], len(amounts), axis=0)
+            return self.whitened(self.motion(rows, begun=amounts @ sizes))
 
         return replace(self, motor_start=likely_start(errors, len(sizes)) @ sizes)
 
@@ -247,7 +253,9 @@ class Rollout:
         under = runs[:, 0] % len(drive) * drive.shape[1]  # row of `sent` at which the commands of each run begin
         if inputs.states is None:
             states = self._initial(warm, sent, under)
-            self._late_goals(inputs, runs, warm, states)
+            if inputs.goals is not None:
+                at = np.searchsorted(self._goals.ticks, warm)
+                write_goals(rows[runs[:, 0]], inputs.goals[runs[:, 0], at], states)
             ahead = np.flatnonzero(lasting & (self.chosen[first] > 0))
             if ahead.size:
                 begun = Leg(rows[runs[ahead, 0]], states[ahead], sent, under[ahead] + warm[ahead], self.lead)
@@ -260,13 +268,13 @@ class Rollout:
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
             begin = segments.begin[self.chosen[here]]
             state[:, known] = self._starts(run, begin)[:, known]
-            if inputs.integral is not None:
-                state[:, X.integral] = inputs.integral[runs[:left, 0], here]
+            if inputs.goals is not None:
+                state[:, X.integral] = inputs.goals[runs[:left, 0], np.searchsorted(self._goals.ticks, begin), 2]
             if inputs.memory is not None:
                 state[:, X.bristle : X.bristle + HELD] = inputs.memory[runs[:left, 0], here]
             state[:, :6] += self.shift[here]
             if inputs.offset is not None:
-                state[:, :6] += inputs.offset[here]
+                state[:, :6] += inputs.offset[runs[:left, 0], here]
             write_history(run, begin, state, segments.rate, known, self._starts)
             leg = Leg(run, state, sent, under[:left] + begin, segments.ticks, last=j + 1 == count.max())
             yield leg
@@ -306,13 +314,12 @@ class Rollout:
         history[:, :, :3] = states[:, None, :3]
         return states
 
-    def _late_goals(self, inputs: _Inputs, runs: Indices, ticks: Indices, states: Array) -> None:
-        """Write into states (n, .) how far goals of position drives are behind, and integrals, at `ticks` of `runs`."""
-        rows, drive = inputs.rows, inputs.commands
-        for k in np.flatnonzero(with_late_goal(rows)):
-            own = np.flatnonzero(runs[:, 0] == k)
-            found = goals_along(rows[k][None], drive[k % len(drive)], self.segments.start[:, 0], ticks[own])[0]
-            states[own, X.behind], states[own, X.lag], states[own, X.integral] = found.T
+    @cached_property
+    def _goals(self) -> DriveGoals:
+        """Goals of position drives under the commands of the log, where chains are warmed up and segments begin."""
+        begin = self.segments.begin[self.chosen]
+        ticks = np.union1d(begin, np.maximum(begin - self.lead, 0))
+        return DriveGoals(self.segments.commands, self.segments.start[:, 0], ticks)
 
     def _starts(self, rows: Array, ticks: Indices) -> Array:
         """True angles and velocities (n, 6) at ticks: the measured ones without the encoder errors of each row."""
@@ -342,20 +349,22 @@ class Rollout:
 
     def _whitened(self, row: Array, pulses: Iterable[Array], step: float = 1.0) -> Rollout:
         """The same with `basis` and `shrink`, from runs of a row that start `step` standard deviations aside."""
-        plain = self.motion(row[None])[0]
-        moved = [self.motion(row[None], step * offset)[0] for offset in self._start_steps()]
+        aside = np.vstack([np.zeros((1, 6)), step * self._start_steps()])
+        sizes, rows = self._start_sd(), np.repeat(row[None], max(LANES, len(aside)), axis=0)
+        plain, *moved = self.motion(rows[: len(aside)], aside[:, None])
         changes = [(each - plain) / step for each in moved]
-        for pulse in pulses:
-            changes.append(self.motion(row[None], commands=(self.segments.commands + pulse)[None])[0] - plain)
-        for start in self._start_sd():
-            beside = replace(self, motor_start=self.motor_start + STEP * start)
-            changes.append((beside.motion(row[None])[0] - plain) / STEP)
+        each_pulse = iter(pulses)
+        while some := list(islice(each_pulse, LANES)):
+            commands = self.segments.commands + np.stack(some)
+            changes += [*(self.motion(rows[: len(some)], commands=commands) - plain)]
+        if len(sizes):
+            changes += [*((self.motion(rows[: len(sizes)], begun=STEP * sizes) - plain) / STEP)]
         columns = np.stack(changes, axis=-1)
         columns = columns * (self.segments.weight[self.chosen] / self.segments.noise)[..., None]
         flat = columns.reshape(len(self.chosen), self.size, len(changes))
-        basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
-        kept = int(np.max(np.sum(sizes > NEGLIGIBLE, axis=1), initial=1))
-        return replace(self, basis=basis[..., :kept], shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes[:, :kept] ** 2))
+        basis, singular, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
+        kept = int(np.max(np.sum(singular > NEGLIGIBLE, axis=1), initial=1))
+        return replace(self, basis=basis[..., :kept], shrink=1.0 - 1.0 / np.sqrt(1.0 + singular[:, :kept] ** 2))
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), commands as in `motion`; overflow gives a huge value."""
@@ -386,6 +395,6 @@ class Rollout:
 
 def residuals(rollouts: Sequence[Rollout], rows: Sequence[Array]) -> list[Array]:
     """`Rollout.residual` of each of several logs with its own rows (K, N_PARAMETERS), simulated side by side."""
-    prepared = [each._prepared(own, None, None) for each, own in zip(rollouts, rows, strict=True)]
+    prepared = [each._prepared(own, None, None, None) for each, own in zip(rollouts, rows, strict=True)]
     simulate([run for _, runs in prepared for run in runs])
     return [each.whitened(out) for each, (out, _) in zip(rollouts, prepared, strict=True)]

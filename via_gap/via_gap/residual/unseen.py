@@ -56,11 +56,15 @@ class UnseenMotors:
     start: Array
     _found: OrderedDict[bytes, Array] = field(default_factory=OrderedDict, init=False)
 
-    def states(self, rows: Array) -> Array:
-        """States (K, n, S) of rows (K, N_PARAMETERS)."""
+    def states(self, rows: Array, aside: Array | None = None) -> Array:
+        """States (K, n, S) of rows (K, N_PARAMETERS); `aside` (K, 6) is added to the start of each row."""
         alike, found = rows.copy(), self._found
         alike[:, OF_LINK] = 0.0
         alike[:, P.inertia] = HEAVY
+        if aside is not None:
+            starts = np.repeat(self.start, len(rows), axis=0)
+            starts[:, :6] += aside
+            return self.integrated(alike, starts)
         keys = [row.tobytes() for row in alike]
         new = {key: row for key, row in zip(keys, alike, strict=True) if key not in found}
         if new:

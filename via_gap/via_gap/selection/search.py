@@ -13,7 +13,7 @@ R. W. Wilson, Regressions by leaps and bounds, Technometrics 16 (1974).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -167,8 +167,8 @@ class Search:
         """
         seen = {frozenset(fit.locations) for fit in there}
         rival = min((fit.loss for fit in there), default=0.0)
-        pairs = _distinct(ranked_pairs(self.start, self.jacobian, self.tried))[: RACED * PAIRS]
-        new = [members for _, members in pairs if frozenset(location for location, _ in members) not in seen]
+        pairs = _distinct(ranked_pairs(self.start, self.jacobian, self.tried), RACED * PAIRS)
+        new = [members for members in pairs if frozenset(location for location, _ in members) not in seen]
         return self._raced(self.start, new, self.jacobian, PAIRS, rival)
 
     def _exchanged(self, fit: Fit) -> list[Fit]:
@@ -230,11 +230,13 @@ class Search:
         return found + richer(self.whole, found, self.candidates.equations, self.scales)
 
 
-def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Members]]:
+def _distinct(pairs: Iterable[tuple[float, Members]], most: int) -> list[Members]:
     """The best pair of every two kinds of effects; an effect that contains a simpler one counts as the simpler one."""
-    kinds: dict[frozenset[Location], tuple[float, Members]] = {}
-    for loss, members in pairs:
+    kinds: dict[frozenset[Location], Members] = {}
+    for _, members in pairs:
         kind = frozenset(replace(p, name=p.plainest) for p, _ in members)
         if len(kind) == 2:
-            kinds.setdefault(kind, (loss, members))
+            kinds.setdefault(kind, members)
+        if len(kinds) == most:
+            break
     return list(kinds.values())
