@@ -1,8 +1,8 @@
 """Fits of single causes from poor starts, and what the screen proposes."""
 
 from dataclasses import replace
-from itertools import combinations
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest

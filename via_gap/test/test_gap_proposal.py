@@ -85,7 +85,7 @@ def test_the_motion_is_the_best_of_all_with_every_pair_tried():
     every = []
     for motion in MOTIONS:
         sizes = [
-            proposal._tried(blank, causes, np.zeros(len(blank.nuisances)), motion, share * proposal.RANGE, -np.inf)
+            proposal._tried(blank, causes, np.zeros(len(blank.nuisances)), motion, share * proposal.RANGE, None)
             for share in proposal.SMALLER
         ]
         every += [each for each in sizes if each is not None][:1]

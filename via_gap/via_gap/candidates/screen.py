@@ -151,8 +151,8 @@ class _Screen:
     def least_losses(self, pairs: Sequence[tuple[int, int]]) -> Array:
         """(n,) lower bounds of the losses that `predicted` finds for pairs: with no limit to amounts and offsets.
 
-        With the offsets eliminated, M = N_kk - N_kj N_jj^-1 N_jk remains of the normal matrix. Minus infinity where M of
-        a pair is nearly singular.
+        With the offsets eliminated, M = N_kk - N_kj N_jj^-1 N_jk remains of the normal matrix. Minus infinity where M
+        of a pair is nearly singular.
         """
         count, size = len(self.base.offsets), len(self.normal) - len(self.base.offsets)
         solved = np.linalg.solve(self.normal[:count, :count], np.c_[self.normal[:count, count:], self.gradient[:count]])
@@ -161,7 +161,9 @@ class _Screen:
         matrix[:size, :size] = self.normal[count:, count:] - self.normal[count:, :count] @ solved[:, :-1]
         pull[:size] = self.gradient[count:] - self.normal[count:, :count] @ solved[:, -1]
         matrix, pull = matrix / np.outer(scale, scale), pull / scale
-        columns = [np.concatenate([np.arange(self.first[each], self.first[each + 1]) for each in pair]) for pair in pairs]
+        columns = [
+            np.concatenate([np.arange(self.first[each], self.first[each + 1]) for each in pair]) for pair in pairs
+        ]
         most = max(map(len, columns), default=0)
         at = np.array([np.append(own - count, np.full(most - len(own), size)) for own in columns], dtype=np.intp)
         if not at.size:

@@ -135,7 +135,7 @@ def _proposals(blank: ResidualModel, causes: Sequence[TiedCause], offsets: Array
     """
     made: list[Proposed] = []
     for motion in MOTIONS:
-        best = max((each.score for each in made), default=-inf)
+        best = max(made, key=lambda each: each.score, default=None)
         sizes = (_tried(blank, causes, offsets, motion, share * reach, best) for share in SMALLER)
         made += islice((each for each in sizes if each is not None), 1)
     return made
@@ -166,11 +166,16 @@ def _keeps(plant: JointPlant, size: float) -> bool:
 
 
 def _tried(
-    blank: ResidualModel, causes: Sequence[TiedCause], offsets: Array, motion: Motion, size: float, best: float
+    blank: ResidualModel,
+    causes: Sequence[TiedCause],
+    offsets: Array,
+    motion: Motion,
+    size: float,
+    best: Proposed | None,
 ) -> Proposed | None:
     """The motion of this size, if it keeps within limits whichever cause is true.
 
-    best  score at or below which the hardest pair is not looked for any further
+    best  the best motion so far. Its hardest pair comes first; once a pair has no higher score, no other one is tried
     """
     plants = _plants(blank, causes, offsets)
     commands, start = commands_of(plants[0], motion, size)
@@ -184,7 +189,10 @@ def _tried(
         problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
         problems.append((problem, problem.per_segment(problem.residual([plant.parameters])[0])))
     hardest, pair, apart = inf, (causes[0].location, causes[1].location), 0.0
-    for (true, (problem, own)), (other, _) in permutations(zip(causes, problems, strict=True), 2):
+    ordered = [*permutations(zip(causes, problems, strict=True), 2)]
+    if best is not None:
+        ordered.sort(key=lambda each: (each[0][0].location, each[1][0].location) != best.pair)
+    for (true, (problem, own)), (other, _) in ordered:
         if other.includes(true.location):
             continue  # the diagnosis prefers the simpler effect, so the richer one need not fail
         wrong = problem.per_segment(other.imitated(problem, offsets))
@@ -192,7 +200,7 @@ def _tried(
         if score < hardest:
             hardest, pair = score, (true.location, other.location)
             apart = float(np.sqrt(max(float(np.mean(wrong) - np.mean(own)), 0.0)))
-        if hardest <= best:
+        if best is not None and hardest <= best.score:
             break
     reference = angles_under(plants[0], commands)
     return Proposed(motion, size, commands, reference, tuple(c.location for c in causes), pair, apart, hardest)
