@@ -264,7 +264,7 @@ def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
 def test_what_time_alone_can_add_is_bounded():
     state = np.zeros(models.size(N))
     models.start(state, N, SCALE, 0.0)
-    walks, trends = (np.square(each[models.WHITE : models.JUMPING]) for each in (models.WALKS, models.TRENDS))
-    total = np.sum(0.5 * walks + 0.5**3 / 3.0 * trends) / (models.MODELS - models.WHITE)  # a jump is over at once
-    assert models.wander(state, 0.5) == pytest.approx(total)
+    walks, trends = (np.square(each[: models.JUMPING]) for each in (models.WALKS, models.TRENDS))  # a jump is over
+    probability = models.models_of(state)[models.MODEL.probability, : models.JUMPING]
+    assert models.wander(state, 0.5) == pytest.approx(probability @ (0.5 * walks + 0.5**3 / 3.0 * trends))
     assert models.wander(state, 1e9) == models.FURTHEST

@@ -45,9 +45,7 @@ tenth less of it made a stiffness wrong by half.
 
 A drive that warms up, or whose gain is switched, reports torques of another scale; then all of x seems to change in
 proportion. A spring that changes leaves the rest of x as it was: the inertia, which never changes, and what excites
-damping and friction decide between the two. c is the scale over that at the start, so x keeps its scale. While the
-motion shows neither inertia nor friction, the probabilities of both hypotheses stay, and the mixture is as wide as
-they differ. Models that know nothing of c have c = 0 exactly: with c free in all of them, the scale would be as
+damping and friction decide between the two. c is the scale over that at the start, so x keeps its scale. Models that know nothing of c have c = 0 exactly: with c free in all of them, the scale would be as
 uncertain as the first equations, and constant springs had errors of 2 % in place of .1 %. After a jump of c its models
 are the only ones, since one Gaussian for both kinds of jump lies between them and fits neither.
 
@@ -115,6 +113,7 @@ COLOURED = 2 * len(LEVELS)  # end of these
 FURTHEST = 1.0  # variance of the scale that time alone can add
 JUMPING = MODELS - 2 * len(LEVELS)  # the first model of a jump, of x; those of the scale of y follow
 RESCALED = sum(change[3] > 0.0 for change in CHANGES)  # number of changes of the scale of y
+SCALED = 0.045  # probability that a change is one of y's scale: joints are built to change their springs
 NEVER = 1e-300  # probability of a model that is excluded
 KNOWN = 1.0  # weight of a model's noise level, in equations
 LEAST_NOISE = 1e-12  # of the declared variance
@@ -132,7 +131,11 @@ def size(n: int) -> int:
 @njit(cache=True, error_model="numpy")
 def _of_prior(j: int, steadiness: float) -> float:
     """rho_j."""
-    return steadiness / WHITE if j < WHITE else max((1.0 - steadiness) / (MODELS - WHITE), NEVER)
+    if j < WHITE:
+        return steadiness / WHITE
+    scaled = RESCALED * len(LEVELS)
+    share = SCALED / scaled if GAINS[j] > 0.0 else (1.0 - SCALED) / (MODELS - WHITE - scaled)
+    return max((1.0 - steadiness) * share, NEVER)
 
 
 @njit(cache=True, error_model="numpy")
