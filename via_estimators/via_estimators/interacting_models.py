@@ -45,9 +45,10 @@ tenth less of it made a stiffness wrong by half.
 
 A drive that warms up, or whose gain is switched, reports torques of another scale; then all of x seems to change in
 proportion. A spring that changes leaves the rest of x as it was: the inertia, which never changes, and what excites
-damping and friction decide between the two. c is the scale over that at the start, so x keeps its scale. Models that know nothing of c have c = 0 exactly: with c free in all of them, the scale would be as
-uncertain as the first equations, and constant springs had errors of 2 % in place of .1 %. After a jump of c its models
-are the only ones, since one Gaussian for both kinds of jump lies between them and fits neither.
+damping and friction decide between the two. c is the scale over that at the start, so x keeps its scale. Models that
+know nothing of c have c = 0 exactly: with c free in all of them, the scale would be as uncertain as the first
+equations, and constant springs had errors of 2 % in place of .1 %. After a jump of c its models are the only ones,
+since one Gaussian for both kinds of jump lies between them and fits neither.
 
 Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
 a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
