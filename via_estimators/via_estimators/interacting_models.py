@@ -7,24 +7,28 @@ The unknowns x from `first` to n - 2 change along one direction g, which the cal
 spring law, its scale s changes. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
 a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
 with time constant PERSISTENCE, a random walk of friction, or a jump of s since the last equation; or no change and
-coloured noise. Equations arrive one at a time,
+coloured noise. In the last models x is constant and y, the measured quantity, has a wrong scale 1 + c: c walks, or has
+jumped since the last equation. c is an unknown, and 0 in all other models. Equations arrive one at a time,
 
-    y = row' x + e,    variance of e = noise_j within + beside + wobble (walk_j^2 (row' g)^2 + wear_j^2 |row_f|^2)
+    y = row' x + e,    variance of e = noise_j within + beside
+                                       + wobble (walk_j^2 (row' g)^2 + wear_j^2 |row_f|^2 + gain_j^2 row_c^2)
 
-with row_f the entries of row that belong to friction (`worn`).
+with row_f the entries of row that belong to friction and row_c that of c.
 
 One step of time dt with one equation is
 
     1. interaction   with probability 1 - e, e = exp(-dt / memory), another model holds, j with probability rho_j. After
-                     a jump another change holds at once, at the same noise level l, j with probability L rho_j:
-                     c_j = own_j + after_j + (1 - e) rho_j,  own_j = e mu_j (jumps: 0),  after_j = e mu_jump(l) L rho_j,
+                     a jump another model holds at once, at the same noise level l and with the same assumption on c:
+                     p_j = own_j + after_j + (1 - e) rho_j,  own_j = e mu_j (jumps: 0),  after_j = e mu_jump(l) L rho_j
+                     over the sum of these rho,
                      x_j <- mean of x_j, x_jump(l) and the combined mean with weights own_j, after_j, (1 - e) rho_j,
                      P_j <- covariance of that mixture
     2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt; a jump adds JUMP^2 = walk_j^2 dt;
                      P_j += g g' times that variance, and SHAPE^2 |g|^2 of it in each direction;
-                     each unknown of friction walks by wear_j^2 dt
+                     each unknown of friction walks by wear_j^2 dt, c by gain_j^2 dt; a jump of y's scale makes
+                     it 0 +- JUMP
     3. correction    S_j = row' P_j row + variance of e, and Kalman's gain in Joseph's form
-    4. probability   mu_j ~ c_j S_j^(-1/2) exp(-(y - row' x_j)^2 / (2 S_j))
+    4. probability   mu_j ~ p_j S_j^(-1/2) exp(-(y - row' x_j)^2 / (2 S_j))
     5. combination   mean and covariance of the mixture
 
 Since the model after a change does not depend on the one before, step 1 mixes each filter with the combined estimate
@@ -38,6 +42,13 @@ variance is in every direction. A trend, which has a long memory, keeps the shap
 Grease that warms up changes damping and dry friction within minutes, a touched motor within one equation. Neither is a
 change of the spring. Without these models the spring would explain it: where damping is most of a motor's torque, a
 tenth less of it made a stiffness wrong by half.
+
+A drive that warms up, or whose gain is switched, reports torques of another scale; then all of x seems to change in
+proportion. A spring that changes leaves the rest of x as it was: the inertia, which never changes, and what excites
+damping and friction decide between the two. c is the scale over that at the start, so x keeps its scale. Models that
+know nothing of c have c = 0 exactly: with c free in all of them, the scale would be as uncertain as the first
+equations, and constant springs had errors of 2 % in place of .1 %. After a jump of c its models are the only ones,
+since one Gaussian for both kinds of jump lies between them and fits neither.
 
 Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
 a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
@@ -56,7 +67,7 @@ m = n - 1 unknowns, which are what N equations can distinguish, its part of the 
 independent noise (`returning`).
 
 One equation's state is a flat row; `size` and the slots below define its layout. Unknowns are scaled so that the prior
-is x = 0, P = 1, but for the trend, which is 0 before any data.
+is x = 0, P = 1, but for the trend and c, which are 0 before any data.
 """
 
 from __future__ import annotations
@@ -67,31 +78,33 @@ import numpy as np
 from numba import njit
 from via_core.signals import Array
 
+from via_estimators import gaussians
 from via_estimators.slots import slots
 
-# Random walk of the scale [1/sqrt(s)], of its trend [1/s/sqrt(s)], of every unknown of friction [1/sqrt(s)]; first
-# no change, in white and in coloured noise.
+# Random walk of the scale [1/sqrt(s)], of its trend [1/s/sqrt(s)], of every unknown of friction and of the scale of y
+# [1/sqrt(s)]; first no change, in white and in coloured noise, last the jumps.
+JUMP = 0.5  # standard deviation of a scale in a jump
 CHANGES = (
-    (0.0, 0.0, 0.0),
-    (0.0, 0.0, 0.0),
-    (0.01, 0.0, 0.0),
-    (0.1, 0.0, 0.0),
-    (0.0, 0.003, 0.0),
-    (0.0, 0.03, 0.0),
-    (0.0, 0.3, 0.0),
-    (0.0, 1.0, 0.0),
-    (0.0, 5.0, 0.0),
-    (0.0, 0.0, 0.03),
-    (0.0, 0.0, 1.0),
-    (0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 0.0),
+    (0.01, 0.0, 0.0, 0.0),
+    (0.1, 0.0, 0.0, 0.0),
+    (0.0, 0.003, 0.0, 0.0),
+    (0.0, 0.03, 0.0, 0.0),
+    (0.0, 0.3, 0.0, 0.0),
+    (0.0, 1.0, 0.0, 0.0),
+    (0.0, 5.0, 0.0, 0.0),
+    (0.0, 0.0, 0.03, 0.0),
+    (0.0, 0.0, 1.0, 0.0),
+    (0.0, 0.0, 0.0, 0.003),
+    (0.0, 0.0, 0.0, 0.03),
+    (JUMP, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, JUMP),
 )
-JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
 SHAPE = 0.08  # standard deviation of each unknown in a walk or jump, over that of the scale times the length of g
 LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
-WALKS = tuple(walk for walk, _, _ in CHANGES for _ in LEVELS)
-TRENDS = tuple(trend for _, trend, _ in CHANGES for _ in LEVELS)
-WEARS = tuple(wear for _, _, wear in CHANGES for _ in LEVELS)
+WALKS, TRENDS, WEARS, GAINS = (tuple(change[at] for change in CHANGES for _ in LEVELS) for at in range(4))
 NOISES = tuple(level**2 for _ in CHANGES for level in LEVELS)
 MODELS = len(NOISES)
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
@@ -99,7 +112,9 @@ CORRELATION = 0.2  # [s] in which coloured noise does
 WHITE = len(LEVELS)  # the models of white noise without change come first, then those of coloured noise
 COLOURED = 2 * len(LEVELS)  # end of these
 FURTHEST = 1.0  # variance of the scale that time alone can add
-JUMPING = MODELS - len(LEVELS)  # the first model of a jump, one per noise level
+JUMPING = MODELS - 2 * len(LEVELS)  # the first model of a jump, of x; those of the scale of y follow
+RESCALED = sum(change[3] > 0.0 for change in CHANGES)  # number of changes of the scale of y
+SCALED = 0.045  # probability that a change is one of y's scale: joints are built to change their springs
 NEVER = 1e-300  # probability of a model that is excluded
 KNOWN = 1.0  # weight of a model's noise level, in equations
 LEAST_NOISE = 1e-12  # of the declared variance
@@ -117,12 +132,16 @@ def size(n: int) -> int:
 @njit(cache=True, error_model="numpy")
 def _of_prior(j: int, steadiness: float) -> float:
     """rho_j."""
-    return steadiness / WHITE if j < WHITE else max((1.0 - steadiness) / (MODELS - WHITE), NEVER)
+    if j < WHITE:
+        return steadiness / WHITE
+    scaled = RESCALED * len(LEVELS)
+    share = SCALED / scaled if GAINS[j] > 0.0 else (1.0 - SCALED) / (MODELS - WHITE - scaled)
+    return max((1.0 - steadiness) * share, NEVER)
 
 
 @njit(cache=True, error_model="numpy")
-def start(state: Array, n: int, steadiness: float) -> None:
-    """Overwrite one equation's state with the prior; `steadiness` as in `take`."""
+def start(state: Array, n: int, scale: int, steadiness: float) -> None:
+    """Overwrite one equation's state with the prior; `scale` and `steadiness` as in `take`."""
     state[:] = 0.0
     models = models_of(state)
     models[MODEL.weight] = KNOWN
@@ -131,7 +150,7 @@ def start(state: Array, n: int, steadiness: float) -> None:
     for j in range(MODELS + 1):
         P = _block(state, n, j)[1]
         for i in range(n - 1):
-            P[i, i] = 1.0
+            P[i, i] = 0.0 if i == scale else 1.0
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -153,23 +172,17 @@ def estimate_of(state: Array, n: int) -> tuple[Array, Array]:
     return _block(state, n, 0)
 
 
-@njit(cache=True, error_model="numpy")
-def quadratic(P: Array, v: Array) -> float:
-    """v' P v of P (n, n), v (n,), at least 0."""
-    total = 0.0
-    for i in range(v.size):
-        row = 0.0
-        for j in range(v.size):
-            row += P[i, j] * v[j]
-        total += v[i] * row
-    return max(total, 0.0)
+def condition(state: Array, n: int, scale: int) -> float:
+    """Condition number of the combined covariance, without the trend and the scale of y, which may be known."""
+    unknown = np.delete(np.arange(n - 1), scale)
+    return float(np.linalg.cond(estimate_of(state, n)[1][np.ix_(unknown, unknown)]))
 
 
 @njit(cache=True, error_model="numpy")
 def wander(state: Array, age: float) -> float:
     """Variance of the scale that the walks of the models add in `age` [s] after the last equation."""
     total, probability = 0.0, models_of(state)[MODEL.probability]
-    for j in range(MODELS):
+    for j in range(JUMPING):
         total += probability[j] * (WALKS[j] ** 2 * age + TRENDS[j] ** 2 * age**3 / 3.0)
     return min(total, FURTHEST)
 
@@ -186,39 +199,39 @@ def returning(state: Array, n: int) -> float:
 @njit(cache=True, error_model="numpy")
 def scratch(n: int) -> Array:
     """Work space of `take`, allocated once since allocations are slow."""
-    return np.empty((6, max(n, MODELS)))
+    width = max(n, MODELS)
+    return np.empty((6 + (n * n - 1) // width + 1, width))
 
 
 @njit(cache=True, error_model="numpy")
 def _interact(
-    state: Array, n: int, stay: float, steadiness: float, probable: Array, before: Array, there: Array
+    state: Array, n: int, scale: int, stay: float, steadiness: float, probable: Array, there: Array, P: Array
 ) -> None:  # fmt: skip
-    """Step 1; c_j into `probable` (K,); `before` and `there` (n,) are overwritten."""
+    """Step 1; p_j into `probable` (K,); `there` (n,) and P (n, n) are overwritten."""
     probability = models_of(state)[MODEL.probability]
     mean, covariance = estimate_of(state, n)
-    for j in range(MODELS):  # the jumps last, since all read them
-        x, P = _block(state, n, j + 1)
-        jump = JUMPING + j % len(LEVELS)
-        landed, cover = _block(state, n, jump + 1)
-        rho = _of_prior(j, steadiness)
-        own = stay * probability[j] if j < JUMPING else 0.0
-        after = stay * probability[jump] * rho * len(LEVELS)
-        probable[j] = max(own + after + (1.0 - stay) * rho, NEVER)
-        own, after = own / probable[j], after / probable[j]
-        rest = 1.0 - own - after
-        for i in range(n):
-            before[i], there[i] = x[i], landed[i]
-            x[i] = own * before[i] + after * there[i] + rest * mean[i]
-        for i in range(n):
-            for k in range(n):
-                P[i, k] = (
-                    own * (P[i, k] + (before[i] - x[i]) * (before[k] - x[k]))
-                    + after * (cover[i, k] + (there[i] - x[i]) * (there[k] - x[k]))
-                    + rest * (covariance[i, k] + (mean[i] - x[i]) * (mean[k] - x[k]))
-                )
-        if TRENDS[j] == 0.0:  # what this model does not assume
-            x[n - 1] = 0.0
-            P[n - 1, :] = P[:, n - 1] = 0.0
+    off = RESCALED * len(LEVELS) * _of_prior(MODELS - 1, steadiness)
+    for level in range(len(LEVELS)):
+        for group in range(2):
+            jump = JUMPING + group * len(LEVELS) + level
+            landed = stay * probability[jump] * len(LEVELS) / (off if group else 1.0 - off)
+            arrived = max(1.0 - stay + landed, NEVER)
+            there[:], P[:, :] = mean, covariance
+            x, cover = _block(state, n, jump + 1)
+            gaussians.mix(there, P, landed / arrived, x, cover)
+            for j in range(level, MODELS, len(LEVELS)):
+                if (GAINS[j] > 0.0) != group:
+                    continue
+                x, cover = _block(state, n, j + 1)
+                own, new = stay * probability[j] if j < JUMPING else 0.0, arrived * _of_prior(j, steadiness)
+                probable[j] = max(own + new, NEVER)
+                gaussians.mix(x, cover, 1.0 - own / probable[j], there, P)
+                if TRENDS[j] == 0.0:  # what this model does not assume
+                    x[n - 1] = 0.0
+                    cover[n - 1, :] = cover[:, n - 1] = 0.0
+                if not group:
+                    x[scale] = 0.0
+                    cover[scale, :] = cover[:, scale] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -252,30 +265,6 @@ def _predict(x: Array, P: Array, g: Array, first: int, elapsed: float, added: fl
 
 
 @njit(cache=True, error_model="numpy")
-def _correct(x: Array, P: Array, row: Array, innovation: float, variance: float, error: float, gain: Array) -> None:
-    """Step 3, P <- (1 - gain row') P (1 - row gain') + error gain gain'; `gain` (n,) holds P row, then the gain."""
-    n = x.size
-    for i in range(n):
-        gain[i] /= variance
-        x[i] += gain[i] * innovation
-    for i in range(n):
-        total = 0.0
-        for k in range(n):
-            total += row[k] * P[k, i]
-        for k in range(n):
-            P[k, i] -= gain[k] * total
-    for i in range(n):
-        total = 0.0
-        for k in range(n):
-            total += P[i, k] * row[k]
-        for k in range(n):
-            P[i, k] += (error * gain[i] - total) * gain[k]
-    for i in range(n):
-        for k in range(i):
-            P[i, k] = P[k, i] = 0.5 * (P[i, k] + P[k, i])
-
-
-@njit(cache=True, error_model="numpy")
 def _combine(state: Array, n: int) -> None:
     """Step 5."""
     probability = models_of(state)[MODEL.probability]
@@ -294,53 +283,53 @@ def _combine(state: Array, n: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def take(
-    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, first: int, worn: Array,
-    row: Array, y: float, within: float, beside: float, wobble: float, work: Array,
+    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, first: int, friction: Array,
+    scale: int, row: Array, y: float, within: float, beside: float, wobble: float, work: Array,
 ) -> None:  # fmt: skip
     """One step to `time` [s] with the equation row' x = y; time, rows and y in any units, noise in those of y.
 
     memory          [s] mean time between changes of the model
     steadiness      prior probability that x does not change
     g, first        (n,) change of x per unit of the scale, 0 before `first` and in the end
-    worn            (n,) 1 for the unknowns of friction, 0 for the others
+    friction        (n,) 1 for the unknowns of friction, 0 for the others
+    scale           the unknown that is the relative change of the scale of y
     within, beside  variance of y: per unit of noise, and the known part
     wobble          [s] variance, over the equation's window, of a random walk of rate 1 about its middle
     work            `scratch`
     """
-    gain, before, probable, likely, fresh = work[0, :n], work[1, :n], work[2], work[3], work[5, :n]
+    ahead, probable, likely, fresh = work[0, :n], work[2], work[3], work[5, :n]
     models, elapsed = models_of(state), max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
     stay = exp(-elapsed / memory)
-    _interact(state, n, stay, steadiness, probable, before, work[4, :n])
+    _interact(state, n, scale, stay, steadiness, probable, work[4, :n], work[6:].reshape(-1)[: n * n].reshape(n, n))
     along, rubbing, highest, total = 0.0, 0.0, -inf, 0.0
     last = state[state.size - n - 1 :]
     again = exp(-elapsed / CORRELATION) if elapsed > 0.0 else 0.0
     for i in range(n):
         along += row[i] * g[i]
-        rubbing += worn[i] * row[i] * row[i]
+        rubbing += friction[i] * row[i] * row[i]
         fresh[i], last[i] = row[i] - again * last[i], row[i]
     fresh_y, last[n] = y - again * last[n], y
     for j in range(MODELS):
         x, P = _block(state, n, j + 1)
-        walk, noise = WALKS[j] ** 2, models[MODEL.noise, j]
-        added = min(walk * elapsed, FURTHEST)
-        if j >= JUMPING:
-            walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
-        _predict(x, P, g, first, elapsed, added, TRENDS[j] ** 2)
-        wear = WEARS[j] ** 2
+        walk, wear, gained, noise = WALKS[j] ** 2, WEARS[j] ** 2, GAINS[j] ** 2, models[MODEL.noise, j]
+        lasted, rate = (elapsed, 1.0) if j < JUMPING else (1.0, 1.0 / max(elapsed, wobble, NEVER))
+        if j >= JUMPING and gained > 0.0:
+            x[scale], P[scale, :], P[:, scale] = 0.0, 0.0, 0.0
+        _predict(x, P, g, first, elapsed, min(walk * lasted, FURTHEST), TRENDS[j] ** 2)
         for i in range(n):
-            P[i, i] += worn[i] * min(wear * elapsed, FURTHEST)
+            P[i, i] += friction[i] * min(wear * lasted, FURTHEST)
+        P[scale, scale] += min(gained * lasted, FURTHEST)
         coloured = WHITE <= j < COLOURED
         own = fresh if coloured else row
         innovation, doubt = fresh_y if coloured else y, 0.0
         unit = (1.0 - again * again) * within if coloured else within
         known = (1.0 + again * again) * (beside + within) if coloured else beside
+        gaussians.times(P, own, ahead)
         for i in range(n):
-            gain[i] = 0.0
-            for k in range(n):
-                gain[i] += P[i, k] * own[k]
             innovation -= own[i] * x[i]
-            doubt += own[i] * gain[i]
-        error = noise * unit + known + wobble * (walk * along * along + wear * rubbing)
+            doubt += own[i] * ahead[i]
+        moved = walk * along * along + wear * rubbing + gained * row[scale] ** 2
+        error = noise * unit + known + wobble * rate * moved
         variance = max(doubt, 0.0) + error
         likely[j] = log(probable[j]) - 0.5 * (innovation * innovation / variance + log(variance))
         highest = max(highest, likely[j])
@@ -349,7 +338,7 @@ def take(
         noise += (innovation * innovation - variance) / unit * share / models[MODEL.weight, j]
         low = NOISES[j] / HALF_STEP if NOISES[j] > NOISES[0] else LEAST_NOISE
         models[MODEL.noise, j] = min(max(noise, low), NOISES[j] * HALF_STEP if NOISES[j] < NOISES[-1] else inf)
-        _correct(x, P, own, innovation, variance, error, gain)
+        gaussians.correct(x, P, own, innovation, variance, error, ahead, work[1, :n])
     for j in range(MODELS):
         models[MODEL.probability, j] = exp(likely[j] - highest)
         total += models[MODEL.probability, j]

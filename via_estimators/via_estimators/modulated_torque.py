@@ -15,7 +15,6 @@ a_p + b_p theta_2, as the lever mechanisms have it. With a_p alone a preset that
 all the time, and a third of the estimates were wrong.
 
 The delay also enters to second order, with the present estimate of d: the right side is less by d^2 <tau, psi''> / 2.
-
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F, d and the damping g of the transmission, that of its damper or of the material of its spring, are unknowns; the
 basis is odd, with a constant for the zeros of torque and encoders; psi is w_55 by default instead of w_33; the solver
@@ -41,10 +40,10 @@ relaxation are not negative (`passive`): the controller that holds a motor resem
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
 
-Standard deviations include noise, changes of the spring, effects that the equation lacks (`interacting_models`), the
-declared uncertainty of the torque's scale, which no motion shows, and the truncation of the basis: the last term
-estimates the size of the first one left out (`truncation`). So give the basis one term more than needed, or set
-truncation to 0 if it is exact.
+If the torque's scale changes, every term but the delay is multiplied by 1 + c, with c = 0 at first; a constant scale is
+shown by no motion. Standard deviations include its declared uncertainty, noise, changes of the spring, effects that the
+equation lacks (`interacting_models`), and the truncation of the basis: the last term estimates the size of the first
+one left out. So give the basis one term more than needed, or set `truncation` to 0 if it is exact.
 
 Where a motor sticks (u = 1; it is 0 where the motor moves), dry friction has any value within -F..F. It is noise, and
 in part what holds the motor against the spring: proportional to the deflection, y = phi over the largest one visited,
@@ -70,7 +69,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE
 
-from via_estimators import interacting_models, nested, passive, torque_equation, transmissions, window
+from via_estimators import gaussians, interacting_models, nested, passive, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.modulated_priors import loss_of, window_for
 from via_estimators.slots import row_of, slots
@@ -194,8 +193,8 @@ class ModulatedTorque(Estimator):
         shared = own.friction_deviation / sqrt(3.0)  # by the frictions that do not depend on speed
         width[: U.size] = (
             own.inertia_deviation, own.damping_deviation, shared, own.friction_deviation, shared, shared, 1.0,
-            own.loss_deviation, own.delay_deviation, own.gear_deviation, own.friction_deviation, own.creep_deviation,
-            own.play_deviation,
+            own.loss_deviation, own.delay_deviation, 1.0, own.gear_deviation, own.friction_deviation,
+            own.creep_deviation, own.play_deviation,
         )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
@@ -206,7 +205,7 @@ class ModulatedTorque(Estimator):
         window.start(state)
         state[HEADER.size : HEADER.size + 2 * k] = transmissions.prior_outputs(own, "inertia", "damping")
         for part in _parts(state, m, n):
-            interacting_models.start(_equation(part, n), n, own.steadiness)
+            interacting_models.start(_equation(part, n), n, U.scale, own.steadiness)
             for mixed, start in zip(
                 _reported(part, n), interacting_models.estimate_of(_equation(part, n), n), strict=True
             ):
@@ -217,8 +216,7 @@ class ModulatedTorque(Estimator):
     def condition(self, state: Array) -> float:
         n = self._unknowns
         parts = _parts(state, self.parameters.transmissions, n)
-        known = [interacting_models.estimate_of(_equation(part, n), n)[1][:-1, :-1] for part in parts]  # but the trend
-        return float(np.sqrt(max(np.linalg.cond(each) for each in known)))
+        return sqrt(max(interacting_models.condition(_equation(part, n), n, U.scale) for part in parts))
 
     @cached_property
     def _advance(self) -> Kernel:
@@ -275,20 +273,22 @@ def _learn(
         angles += of_motor * of_motor + of_link * of_link
     for j in range(U.slow, U.long + 1):
         friction += mean[j] + width[j] * x[j]
-    any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
+    any_friction = friction**2 + gaussians.quadratic(covariance[dry, dry], width[dry])
     furthest = max(-kept[VISITED.low], kept[VISITED.high], abs(middle))
     row[U.stuck] *= sqrt(any_friction) / furthest if furthest > 0.0 else 0.0
     elapsed = max(times[length // 2] - equation[interacting_models.HEAD.time], 0.0)
     kept[KEPT.stuck] = kept[KEPT.stuck] * exp(-elapsed / par[P.memory]) + unknown
     returning = max(kept[KEPT.stuck] / (n - 1.0), 1.0)
     beside = par[P.position_noise] ** 2 * angles + returning * unknown**2 * any_friction
+    scale, constant = torque_equation.rescale(mean, width, x, row)
+    y, beside = y + constant, scale * scale * beside
     for j in range(n):
         y -= row[j] * mean[j]
         row[j] *= width[j] / noise
         direction[j] = mean[j] / width[j] + x[j] if U.creep <= j < n - 1 else 0.0
     interacting_models.take(
-        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.creep, WORN[:n], row, y / noise,
-        within, beside / noise**2, WOBBLE * span, work,
+        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.creep, WORN[:n], U.scale, row,
+        y / noise, within, beside / noise**2, WOBBLE * span, work,
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
     reported[:], uncertain[:, :] = x, covariance
@@ -325,7 +325,7 @@ def _report(
         slope[n - 1] = age * stiffness
         stiffness += slope[n - 1] * x[n - 1]
     uncertain = (
-        wider * interacting_models.quadratic(covariance, slope)
+        wider * gaussians.quadratic(covariance, slope)
         + factor * stiffness**2
         + torque_equation.truncation(par, mean, width, kept, x, covariance, preset)
         + torque_equation.coarseness(width, x, covariance, phi)

@@ -36,8 +36,8 @@ P = slots(
 # Followed by the coefficients of the spring law, those in proportion to the preset last. Dry friction is the sum of the
 # four from `friction` to `long` where the motor moves; `stuck` is its part in proportion to the deflection elsewhere.
 U = slots(
-    "inertia", "damping", "friction", "slow", "short", "long", "stuck", "loss", "delay", "gear", "hysteresis", "creep",
-    "play",
+    "inertia", "damping", "friction", "slow", "short", "long", "stuck", "loss", "delay", "scale", "gear", "hysteresis",
+    "creep", "play",
 )  # fmt: skip
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 SHORT, LONG = 2e-3, 2e-2  # [rad] travel over which the frictions `short` and `long` build up
@@ -162,6 +162,21 @@ def gear(par: Array, mean: Array, width: Array, x: Array, psi: Array, own: Array
             adjusted *= squared
         total += psi[k] * abs(load * scale) * on_short[k]
     return total
+
+
+@njit(cache=True, error_model="numpy")
+def rescale(mean: Array, width: Array, x: Array, row: Array) -> tuple[float, float]:
+    """Make `row` (n,) the regressors of torques whose scale is s = 1 + c; returns s_0 and what to add to the left side.
+
+    y = s r'a + delay is linearised about the estimate s_0, a_0: y + (s_0 - 1) r'a_0 = s_0 r'a + c r'a_0 + delay
+    """
+    scale, predicted = 1.0 + x[U.scale], 0.0
+    for j in range(x.size):
+        if j != U.delay:
+            predicted += row[j] * (mean[j] + width[j] * x[j])
+            row[j] *= scale
+    row[U.scale] = predicted
+    return scale, (scale - 1.0) * predicted
 
 
 @njit(cache=True, error_model="numpy")
