@@ -15,6 +15,7 @@ a_p + b_p theta_2, as the lever mechanisms have it. With a_p alone a preset that
 all the time, and a third of the estimates were wrong.
 
 The delay also enters to second order, with the present estimate of d: the right side is less by d^2 <tau, psi''> / 2.
+
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F, d and the damping g of the transmission, that of its damper or of the material of its spring, are unknowns; the
 basis is odd, with a constant for the zeros of torque and encoders; psi is w_55 by default instead of w_33; the solver

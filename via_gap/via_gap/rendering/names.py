@@ -12,7 +12,11 @@ from via_gap.report.figures import Member
 from via_gap.report.report import Cause, EffectLocation, Where
 
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
-EFFECT_WORDS = {"torque_saturation": "torque or speed limit"}  # of a servo it limits the speed
+EFFECT_WORDS = {
+    "torque_saturation": "torque or speed limit",  # of a servo it limits the speed
+    "asymmetric_coulomb": "asymmetric Coulomb friction",
+    "asymmetric_viscous": "asymmetric viscous friction",
+}
 AT = {
     "command": "in the command path of motor {}",
     "motor": "at motor {}",
