@@ -98,6 +98,11 @@ def _print(found: Designed, torque_noise: float) -> None:
         cells = ["any" if wanted is None else _percent(wanted), *map(_percent, shares), f"{100.0 * coverage:.0f} %"]
         shown.add_row(name, *cells)
     answers.print(shown)
+    answers.print(
+        "predicted: from noise alone; stated: by the estimator, which also allows for springs that change and for effects "
+        "that its equation lacks",
+        soft_wrap=True,
+    )
     series = found.candidate.series
     presets = found.problem.presets
     where = f"presets {presets[0]:.3g} to {presets[-1]:.3g} rad" if len(presets) > 1 else f"preset {presets[0]:.3g} rad"
