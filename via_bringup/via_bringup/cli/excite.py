@@ -99,8 +99,8 @@ def _print(found: Designed, torque_noise: float) -> None:
         shown.add_row(name, *cells)
     answers.print(shown)
     answers.print(
-        "predicted: from noise alone; stated: by the estimator, which also allows for springs that change and for effects "
-        "that its equation lacks",
+        "predicted: from noise alone; stated: by the estimator, which also allows for springs that change and for "
+        "effects that its equation lacks",
         soft_wrap=True,
     )
     series = found.candidate.series
