@@ -58,7 +58,7 @@ def test_late_samples_leave_the_long_segments_of_a_position_drive():
     assert np.median(problem.per_segment(problem.residual([problem.row(())])[0])) < 1.5
 
 
-def test_a_segment_needs_half_of_its_values_and_samples_around_its_start():
+def test_a_segment_needs_eight_values_and_samples_around_its_start():
     log = log_of(rigid(), (), seed=8, duration=12.0, tolerance=0.0)
     whole = cut_log(log)
     span = whole.ticks / whole.rate
@@ -73,5 +73,7 @@ def test_a_segment_needs_half_of_its_values_and_samples_around_its_start():
         return cut.valid[8:10].tolist()
 
     assert valid(0.3, 0.7) == [True, True]
-    assert valid(0.2, 0.8) == [False, True]  # sixty per cent of a segment
+    assert valid(0.2, 0.8) == [True, True]  # two fifths of a segment: 24 values
+    assert valid(0.1, 0.95) == [True, True]  # nine
+    assert valid(0.08, 0.95) == [False, True]  # seven
     assert valid(0.8, 1.2) == [True, False]  # nothing at the start of the next one
