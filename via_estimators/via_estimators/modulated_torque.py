@@ -38,8 +38,7 @@ the transmission are three more unknowns (`torque_equation`). With F_l and g, th
 and unknowns cost accuracy. So what is reported allows for the models without them (`nested`). In it, friction and
 relaxation are not negative (`passive`): the controller that holds a motor resembles negative friction without a spring.
 
-Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
-no effect.
+Samples need not be equidistant: weights follow the stamps. A constant added to q and theta has no effect.
 
 If the torque's scale changes, every term but the delay is multiplied by 1 + c, with c = 0 at first; a constant scale is
 shown by no motion. Standard deviations include its declared uncertainty, noise, changes of the spring, effects that the
