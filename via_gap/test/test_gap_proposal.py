@@ -91,6 +91,10 @@ def test_the_motion_is_the_best_of_all_with_every_pair_tried():
         every += [each for each in sizes if each is not None][:1]
     best, found = max(every, key=lambda each: each.score), proposed_for("Dahl or backlash")
     assert len(every) > 3
+    made = proposal._proposals(blank, causes, np.zeros(len(blank.nuisances)), proposal.RANGE)
+    for k, (short, full) in enumerate(zip(made, every, strict=True)):
+        beaten = k > 0 and short.score <= max(each.score for each in made[:k])
+        assert beaten or short.score == pytest.approx(full.score, rel=1e-9)
     assert (found.motion, found.size, found.pair) == (best.motion, best.size, best.pair)
     assert (found.score, found.disagreement) == pytest.approx((best.score, best.disagreement), rel=1e-9)
 

@@ -291,6 +291,7 @@ def test_what_tied_models_have_in_common_is_a_model_that_was_compared():
     pairs = [even(1.0, COULOMB, BACKLASH), even(1.0, INERTIA, COULOMB), even(1.0, COULOMB, DRAG)]
     alone, other = even(2.0, COULOMB), even(2.0, INERTIA)
     assert common_part(pairs, [*pairs, other, alone]) is alone
+    assert common_part(pairs, [even(2.5, STRIBECK), alone]) is alone  # the plainest of those with a dry friction
     assert common_part(pairs, [*pairs, other]) is None  # nobody compared it
     assert common_part([*pairs, even(1.0, INERTIA, DRAG)], [*pairs, other, alone]) is None
     assert common_part([alone, other], [alone, other]) is None
