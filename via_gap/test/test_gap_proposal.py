@@ -79,24 +79,25 @@ def test_the_motion_breaks_the_tie(truth, tie):
 
 
 def test_the_motion_is_the_best_of_all_with_every_pair_tried():
+    """Three causes: the hardest pair of one motion is not that of another."""
     device = flexible()
     blank = ResidualModel.of_plant(JointPlant.from_device(device))
-    causes = [proposal.TiedCause.of(cause) for cause in undecided(device, *RIVALS["Dahl or backlash"]).causes]
+    offsets, report = np.zeros(len(blank.nuisances)), undecided(device, DAHL, BACKLASH, BIAS)
+    causes = [proposal.TiedCause.of(cause) for cause in report.causes]
     every = []
     for motion in MOTIONS:
-        sizes = [
-            proposal._tried(blank, causes, np.zeros(len(blank.nuisances)), motion, share * proposal.RANGE, None)
-            for share in proposal.SMALLER
-        ]
+        sizes = (
+            proposal._tried(blank, causes, offsets, motion, share * proposal.RANGE, None) for share in proposal.SMALLER
+        )
         every += [each for each in sizes if each is not None][:1]
-    best, found = max(every, key=lambda each: each.score), proposed_for("Dahl or backlash")
-    assert len(every) > 3
-    made = proposal._proposals(blank, causes, np.zeros(len(blank.nuisances)), proposal.RANGE)
+    best, found = max(every, key=lambda each: each.score), propose(report, device)
+    assert len(every) > 3 and len({each.pair for each in every}) > 1
+    assert (found.motion, found.size, found.pair) == (best.motion, best.size, best.pair)
+    assert (found.score, found.disagreement) == pytest.approx((best.score, best.disagreement), rel=1e-9)
+    made = proposal._proposals(blank, causes, offsets, proposal.RANGE)
     for k, (short, full) in enumerate(zip(made, every, strict=True)):
         beaten = k > 0 and short.score <= max(each.score for each in made[:k])
         assert beaten or short.score == pytest.approx(full.score, rel=1e-9)
-    assert (found.motion, found.size, found.pair) == (best.motion, best.size, best.pair)
-    assert (found.score, found.disagreement) == pytest.approx((best.score, best.disagreement), rel=1e-9)
 
 
 def test_a_joint_with_a_torque_that_the_report_lacks_is_led_through_the_motion(tmp_path):
