@@ -94,10 +94,14 @@ def test_the_motion_is_the_best_of_all_with_every_pair_tried():
     assert len(every) > 3 and len({each.pair for each in every}) > 1
     assert (found.motion, found.size, found.pair) == (best.motion, best.size, best.pair)
     assert (found.score, found.disagreement) == pytest.approx((best.score, best.disagreement), rel=1e-9)
-    made = proposal._proposals(blank, causes, offsets, proposal.RANGE)
-    for k, (short, full) in enumerate(zip(made, every, strict=True)):
-        beaten = k > 0 and short.score <= max(each.score for each in made[:k])
-        assert beaten or short.score == pytest.approx(full.score, rel=1e-9)
+    weakest = min(every, key=lambda each: each.score)
+    for each in every:
+        beside_weak, beside_best = (
+            proposal._tried(blank, causes, offsets, each.motion, each.size, other) for other in (weakest, best)
+        )
+        assert beside_best.score <= best.score
+        if each is not weakest:
+            assert (beside_weak.pair, beside_weak.score) == (each.pair, pytest.approx(each.score, rel=1e-9))
 
 
 def test_a_joint_with_a_torque_that_the_report_lacks_is_led_through_the_motion(tmp_path):
