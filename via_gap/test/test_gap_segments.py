@@ -163,6 +163,23 @@ def test_segments_of_which_most_is_lost_count_by_what_was_measured():
     assert np.mean(whole.residual([whole.row(())])[0] ** 2) > 2.0, "interpolated angles are no measurement"
 
 
+def test_a_segment_counts_by_its_measured_values():
+    """Of every four values one was measured: the mean square is the same, the loss and its curvature are a quarter."""
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    whole = cut_log(log)
+    thin = replace(whole, weight=np.where(np.arange(whole.weight.shape[1])[:, None] % 4 == 1, 2.0, 0.0) * whole.weight)
+    chosen = np.arange(1, len(whole))
+    for robust in (False, True):
+        every, fourth = (ResidualModel.of([each], [chosen], robust=robust) for each in (whole, thin))
+        left, few = (each.residual([each.row(())])[0] for each in (every, fourth))
+        assert fourth.per_segment(few).mean() == pytest.approx(every.per_segment(left).mean(), rel=0.1)
+        share = fourth.measured / every.measured
+        assert share == pytest.approx(16.0 / 62.0)
+        assert fourth.loss(few) == pytest.approx(share * every.loss(left), rel=0.1)
+        squares = [np.sum((each.weights(of) * of) ** 2) for each, of in ((every, left), (fourth, few))]
+        assert squares[1] == pytest.approx(share * squares[0], rel=0.1)
+
+
 def test_no_command_between_two_samples_is_lost():
     """Every tenth sample of a log whose commands change on every tick: with fewer ticks most would be left out."""
     log = log_of(flexible(), (), seed=9, duration=6.0, tolerance=0.0)

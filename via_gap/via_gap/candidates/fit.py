@@ -244,7 +244,7 @@ class Axes:
         1 is the mean square of noise. A prior has the widths of the ranges as standard deviations: of a mass and of its
         distance, not of their products, which would leave a mass of 1e10 kg possible where only m l^2 is known.
         """
-        square = float(np.mean((self.problem.weights(here.residual) * here.residual) ** 2))
+        square = float(np.sum((self.problem.weights(here.residual) * here.residual) ** 2)) / self.problem.measured
         low, high = (bent(end * self.size, self.levers) for end in (self.low, self.high))
         widths = bending(here.at[self.count :] * self.size, self.levers) * self.size / (high - low)[:, None]
         return covariance_of(normal, widths.T @ widths, self.count) * max(square, 1.0)

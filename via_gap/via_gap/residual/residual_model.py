@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -104,7 +104,7 @@ class ResidualModel:
         return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
     def loss(self, residual: Array) -> Array:
-        """(...,) loss of residuals (..., R), to which a fit adds its squared offsets.
+        """(...,) loss of residuals (..., R), to which a fit adds its squared offsets: of every measured value.
 
         If robust, a segment whose mean square z^2 exceeds that of noise has 1 + 2 log((1 + z^2) / 2) per value. With
         squares, segments that no model explains would dominate.
@@ -112,17 +112,18 @@ class ResidualModel:
         squares = self.per_segment(residual)
         if self.robust:
             squares = np.where(squares > 1.0, 1.0 + 2.0 * np.log(0.5 + 0.5 * np.maximum(squares, 1.0)), squares)
-        return np.asarray(squares @ self._sizes)
+        return np.asarray(squares @ self._counts)
 
     def weights(self, residual: Array) -> Array:
         """(R,) weights of iteratively reweighted least squares at a residual (R,).
 
-        The derivative of the loss by z^2 is 2 / (1 + z^2), at most 1. The weighted squares are an upper bound of the
-        loss that is tight at `residual`, so that a step that lowers them lowers the loss.
+        The derivative of the loss by z^2 is 2 / (1 + z^2), at most 1, times the share of the values that were measured:
+        those of a segment with gaps are larger by it. The weighted squares are an upper bound of the loss that is tight
+        at `residual`, so that a step that lowers them lowers the loss.
         """
-        if not self.robust:
-            return np.ones(len(residual))
-        slopes = np.minimum(2.0 / (1.0 + self.per_segment(residual)), 1.0)
+        slopes = self._counts / self._sizes
+        if self.robust:
+            slopes = slopes * np.minimum(2.0 / (1.0 + self.per_segment(residual)), 1.0)
         return np.asarray(np.sqrt(slopes)[self.segment_of_value()])
 
     def under(self, change: Callable[[Segments], Segments]) -> ResidualModel:
@@ -174,6 +175,16 @@ class ResidualModel:
     def _sizes(self) -> Indices:
         """(S,) number of values of each segment."""
         return np.repeat([view.size for view in self.views], [len(view.chosen) for view in self.views])
+
+    @cached_property
+    def _counts(self) -> Indices:
+        """(S,) number of values of each segment that were measured."""
+        return np.concatenate([_measured(view) for view in self.views])
+
+    @property
+    def measured(self) -> int:
+        """Number of measured values of all segments."""
+        return int(self._counts.sum())
 
     def baseline(self) -> Array:
         """(R,) residual of a prediction without a model, see the views."""
@@ -250,3 +261,10 @@ class ResidualModel:
             if done:
                 break
         return offsets, residual
+
+
+def _measured(view: View) -> Indices:
+    """(C,) number of values of each chosen segment that do not lie in a gap of the samples."""
+    if isinstance(view, Rollout):
+        return np.count_nonzero(view.segments.weight[view.chosen], axis=(1, 2))
+    return np.count_nonzero(view.weight, axis=1) * len(view.windows.axes)
