@@ -35,7 +35,7 @@ KIND = EffectKind(
     contains=("coulomb_friction", (0, 1)),
     forms=(
         Form(
-            "equal to coulomb_friction of", "N m", _BOTH,
+            "equal to Coulomb friction of", "N m", _BOTH,
             lambda f, b: 0.5 * (f + b), lambda _f, _b: (0.5, 0.5),
         ),
         Form(
