@@ -52,3 +52,13 @@ def test_a_block_is_filled_before_another_begins():
         calls, blocks = -(-runs // size), -(-runs // LANES)
         assert calls >= min(THREADS, blocks)  # no thread waits for one that has several
         assert sum(-(-min(size, runs - k) // LANES) for k in range(0, runs, size)) == blocks
+
+
+def test_a_state_continues_only_into_the_segment_that_follows():
+    """With a gap between them, segments are two chains, although nothing else was chosen between them."""
+    begins = np.array([0, 100, 200, 350, 450, 600])
+    chains, runs = legs.runs_of(begins, 100, np.array([True, False]))
+    continued = chains[runs[runs[:, 0] == 0, 1]]
+    assert sorted(continued.tolist()) == [[0, 3], [3, 2], [5, 1]]
+    alone = chains[runs[runs[:, 0] == 1, 1]]
+    assert sorted(alone.tolist()) == [[k, 1] for k in range(6)]

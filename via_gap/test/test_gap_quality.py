@@ -199,5 +199,7 @@ def test_a_gap_measured_again_compares_the_segments_of_the_diagnosis(clean):
     log = changed(clean, commands=lost)
     (diagnosed,) = Recordings.of([log], None, log.device).fitted
     (segments,), (chosen,) = compared_segments([log], [HeldOutInterval(log=log.name, begin=0.0, end=9.0)])
-    np.testing.assert_array_equal(chosen, np.flatnonzero(diagnosed.valid))
-    assert 0 < len(chosen) < len(segments)
+    np.testing.assert_array_equal(segments.begin[chosen], diagnosed.begin[diagnosed.valid])
+    begin, end = segments.time[chosen], segments.time[chosen] + segments.ticks / segments.rate
+    assert not np.any((begin < 3.39) & (end > 3.01))
+    assert np.min(begin[begin > 3.2]) < 3.42  # the next segment begins when there are commands again

@@ -8,7 +8,7 @@ from gap_logs import log_of, rigid
 from via_core.signals import Signals
 from via_gap.logs.quality import assessed
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import SPANS, cut_log
+from via_gap.residual.segments import SPANS, Segments, cut_log
 from via_gap.residual.smoothing import local_fit, smoothed
 
 HALF = 12
@@ -63,17 +63,38 @@ def test_a_segment_needs_eight_values_and_samples_around_its_start():
     whole = cut_log(log)
     span = whole.ticks / whole.rate
 
-    def valid(begin: float, end: float) -> list[bool]:
-        """Of segments 8 and 9 without the samples in an interval, in segments from the beginning of segment 8."""
+    def without(begin: float, end: float) -> Segments:
+        """Cut without the samples in an interval, in segments from the beginning of segment 8."""
         time, first = log.measured.time, whole.time[8]
         keep = (time <= first + begin * span) | (time >= first + end * span)
         channels = {name: values[keep] for name, values in log.measured.channels.items()}
         cut = cut_log(replace(log, measured=Signals(time[keep], channels, log.measured.units)))
         assert cut.valid.sum() >= len(cut) - 2
+        return cut
+
+    def valid(begin: float, end: float) -> list[bool]:
+        cut = without(begin, end)
+        np.testing.assert_array_equal(cut.begin, whole.begin)
         return cut.valid[8:10].tolist()
 
     assert valid(0.3, 0.7) == [True, True]
     assert valid(0.2, 0.8) == [True, True]  # two fifths of a segment: 24 values
     assert valid(0.1, 0.95) == [True, True]  # nine
     assert valid(0.08, 0.95) == [False, True]  # seven
-    assert valid(0.8, 1.2) == [True, False]  # nothing at the start of the next one
+    later = without(0.8, 1.2)  # nothing at the start of the next one
+    assert later.valid.all()
+    assert whole.time[8] + 1.2 * span < later.time[9] < whole.time[8] + 1.4 * span
+
+
+def test_segments_begin_where_the_state_is_known():
+    """Gaps of 100 ms every .45 s in a log of 100 Hz: a third of fixed beginnings would be in or beside a gap."""
+    log = log_of(rigid(), (), seed=8, duration=24.0, tolerance=0.0)
+    time = log.measured.time
+    keep = (np.arange(len(time)) % 5 == 0) & ((time - time[0]) % 0.45 < 0.35)
+    channels = {name: values[keep] for name, values in log.measured.channels.items()}
+    cut = cut_log(replace(log, measured=Signals(time[keep], channels, log.measured.units)))
+    assert cut.valid.all() and np.all(np.diff(cut.begin) >= cut.ticks) and not np.any(cut.begin % cut.every)
+    assert np.any(np.diff(cut.begin) == cut.ticks), "segments follow on one another where they can"
+    assert np.sum(cut.valid) * cut.ticks > 0.9 * len(cut.commands)
+    problem = ResidualModel.of([cut], [np.arange(1, len(cut))])
+    assert np.median(problem.per_segment(problem.residual([problem.row(())])[0])) < 1.5

@@ -54,15 +54,16 @@ class Runs:
     kind: tuple[float, ...]
 
 
-def runs_of(chosen: Indices, lasting: Mask) -> tuple[Indices, Indices]:
-    """Chains (n, 2) of ascending segments `chosen`, and runs (m, 2), each a row and a chain, longest chains first.
+def runs_of(begins: Indices, ticks: int, lasting: Mask) -> tuple[Indices, Indices]:
+    """Chains (n, 2) of segments of `ticks`, and runs (m, 2), each a row and a chain, longest chains first.
 
-    chains   index into `chosen` of the first segment, and their number: neighbours, then each segment alone
+    begins   (C,) ascending first ticks of the segments
+    chains   index of the first segment, and their number: those that follow on one another, then each segment alone
     lasting  (K,) whether a row's state continues from segment to segment; the runs of other rows are single segments
     """
-    every = np.arange(len(chosen))
-    first = np.flatnonzero(np.diff(chosen, prepend=chosen[:1] - 2) != 1)
-    neighbours = np.stack([first, np.diff(np.append(first, len(chosen)))], axis=1)
+    every = np.arange(len(begins))
+    first = np.flatnonzero(np.diff(begins, prepend=-2 * ticks) != ticks)
+    neighbours = np.stack([first, np.diff(np.append(first, len(begins)))], axis=1)
     chains = np.concatenate([neighbours, np.stack([every, np.ones_like(every)], axis=1)])
     of = (np.arange(len(first)) if each else len(first) + every for each in lasting)
     runs = np.concatenate([np.stack([np.full(len(own), row), own], axis=1) for row, own in enumerate(of)])

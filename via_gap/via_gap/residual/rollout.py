@@ -169,7 +169,7 @@ class Rollout:
         """Memory for the angles of `motion`, and the runs that write it."""
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
         lasting = with_drive_memory(rows) & self._all_seen
-        chains, runs = runs_of(self.chosen, lasting)
+        chains, runs = runs_of(self.segments.begin[self.chosen], self.segments.ticks, lasting)
         memory = goals = states = None
         sent = self.segments.commands[None] if commands is None else commands
         if self._all_seen:

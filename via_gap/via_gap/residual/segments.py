@@ -53,7 +53,7 @@ class Segments:
     """One log as S segments of n ticks with b bins each; a measured axes.
 
     commands      (T, N_COMMANDS) constant over each tick
-    begin         (S,) first tick of each segment
+    begin         (S,) first tick of each segment; the state there is known, but for the first (`valid`)
     angles        (T, a) [rad] as measured, gaps interpolated
     hidden        (T,) whether in a gap of the samples of more than HIDDEN periods, where `angles` hide motion
     start         (T, 6) smoothed angles and velocities [rad, rad/s] on every tick; NaN: not measured
@@ -164,7 +164,6 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     angles, hidden, lost, mixed = _angles(log, grid, axes)
     if not uniform:  # without a period, only gaps that hide motion are lost samples
         lost = np.repeat(_between(grid, quality.sample_gaps if quality else ())[:, None], len(axes), axis=1)
-    begin = np.arange(0, len(grid) - ticks, ticks, dtype=np.intp)
     reach = max(SMOOTHING, 4.0 * period)
     quanta = np.array([quantum(log, axis) for axis in axes])
     averaged = per_sample == 1 and uniform
@@ -179,6 +178,10 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     at_rest = [axes[i] for i in np.flatnonzero(still)]  # a one-sided fit would be less accurate
     states[0, at_rest], states[0, [3 + axis for axis in at_rest]] = np.median(first[:, still], axis=0), 0.0
     start_sd[0, still] = 0.0
+    known_start = np.all(start_sd <= START, axis=1)
+    if quality is not None:
+        known_start &= _inside(grid, ticks / rate, quality.usable)
+    begin = _begins(known_start, ticks, every)
     share = np.full(len(axes), 1.0 / every if averaged else 1.0)  # variance of a bin over that of a sample
     for i in np.flatnonzero(sd > 0.0):
         path = states[:, axes[i]]
@@ -194,12 +197,10 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     sample_noise = np.sqrt(sd**2 + late + SMALLEST**2)
     start_noise = np.stack([START * sample_noise, START * sample_noise / reach + START_SPEED], axis=1)
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
-    valid = np.all(start_sd[begin] <= START, axis=1)
+    valid = known_start[begin]
     rests = bool(still.all())
     if len(begin) > 1 and not rests:
         valid[0] = False  # the log begins in motion: a one-sided fit of the velocity is too uncertain
-    if quality is not None:
-        valid &= _inside(origin + begin / rate, ticks / rate, quality.usable)
     measured = binned(cut, every, averaged)
     read = binned(np.stack([lost[b : b + ticks + 1].astype(np.float64) for b in begin]), every, averaged) == 0.0
     valid &= read.sum(axis=(1, 2)) >= ENOUGH
@@ -236,6 +237,18 @@ def lined(segments: Segments, late: float) -> Segments:
     """The same with commands interpolated linearly and delayed by `late` [s] (`via_gap.logs.between`)."""
     log, grid = in_lines(segments.log, late), segments.origin + np.arange(len(segments.commands)) / segments.rate
     return replace(segments, log=log, commands=drive_rows(log, grid))
+
+
+def _begins(known: Mask, ticks: int, every: int) -> Indices:
+    """(S,) ticks where segments begin, multiples of `every`: 0, then each time the first whose state is known.
+
+    Segments do not overlap. Where no sample is lost, each begins where the one before ends.
+    """
+    places = every * np.flatnonzero(known[: len(known) - ticks : every])
+    found = [0]
+    while (k := np.searchsorted(places, found[-1] + ticks)) < len(places):
+        found.append(places[k])
+    return np.array(found, dtype=np.intp)
 
 
 def _inside(begin: Array, span: float, usable: Sequence[tuple[float, float]]) -> Mask:
