@@ -53,9 +53,12 @@ def test_noise_behind_a_filter_has_the_density_that_its_slow_part_has():
     assert density == pytest.approx((NOISE / 0.4) ** 2 / 500.0, rel=0.3)
 
 
-def test_pulses_have_the_covariance_of_a_torque_integrated_twice():
+@pytest.mark.parametrize("later", [0, 7], ids=["one after the other", "after a gap"])
+def test_pulses_have_the_covariance_of_a_torque_integrated_twice(later):
     """Of white torque of density S, angles have the covariance S / I^2 (t^2 u / 2 - t^3 / 6) at t <= u."""
-    segments = cut_log(sensed(free()))
+    cut = cut_log(sensed(free()))
+    begin = cut.begin[:-1] + later * cut.every * (np.arange(len(cut) - 1) >= 3)
+    segments = replace(cut, begin=begin, **{name: getattr(cut, name)[:-1] for name in ("measured", "weight", "valid")})
     rollout = Rollout.of(segments, np.flatnonzero(segments.valid))
     row = segments.nominal
     plain = rollout.motion(row[None])[0]

@@ -133,6 +133,12 @@ class Segments:
         return max(1.0, self.rate * float(np.median(np.diff(self.log.measured.time))))
 
     @property
+    def since_begin(self) -> Indices:
+        """(T,) ticks since the last segment began; between segments, n or more."""
+        every = np.arange(len(self.commands))
+        return np.asarray(every - self.begin[np.searchsorted(self.begin, every, side="right") - 1])
+
+    @property
     def time(self) -> Array:
         """(S,) [s] beginnings of the segments on the log's clock."""
         return self.origin + self.begin / self.rate

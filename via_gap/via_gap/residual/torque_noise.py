@@ -32,7 +32,7 @@ def noise_pulses(segments: Segments) -> Iterator[Array]:
     """Changes (T, N_COMMANDS) of the commands by one standard deviation, each in one piece of every segment."""
     ticks, commands = segments.ticks, segments.commands
     edges = np.linspace(0, ticks, min(PIECES, segments.measured.shape[1]) + 1).round().astype(int)
-    piece = np.searchsorted(edges, np.arange(len(commands)) % ticks, side="right") - 1
+    piece = np.searchsorted(edges, segments.since_begin, side="right") - 1
     for column in np.flatnonzero(segments.torque_density):
         for k, lasting in enumerate(np.diff(edges) / segments.rate):
             pulse = np.zeros(commands.shape)

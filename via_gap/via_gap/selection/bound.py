@@ -283,7 +283,7 @@ def _pulses(rollout: Rollout, model: Flexible, residual: Array) -> Array:
     """(columns, PIECES, C, values) change of a residual (C, values) by 1 N m on each axis over each piece."""
     segments, row = rollout.segments, model.row
     edges = np.linspace(0, segments.ticks, PIECES + 1).astype(int)
-    piece = np.searchsorted(edges, np.arange(len(segments.commands)) % segments.ticks, side="right") - 1
+    piece = np.searchsorted(edges, segments.since_begin, side="right") - 1
     commands = _limited(segments.commands, model.limits)
     typical = max(float(np.std(commands[:, list(model.columns)])), 0.1 * abs(float(model.row[P.gravity_torque])), 0.1)
 
