@@ -77,6 +77,22 @@ def test_its_size_is_the_standard_deviation_of_drawn_commands():
     assert np.abs(pulse[:, EXTERNAL]).max() == pytest.approx(np.sqrt(np.mean((drawn - before) ** 2)), rel=5e-3)
 
 
+def test_a_long_gap_has_the_moments_of_a_change_that_came_at_any_time():
+    """20000 draws of the time of the change, means over three pieces, and in each the usual step besides."""
+    count = len(recorded(0.0).commands)
+    gap, usual = (298, 327), 0.02  # 29 ticks of 2 ms: three pieces
+    sent = 0.5 * usual * (1.0 - (-1.0) ** np.arange(count))
+    sent[gap[1] + 1 :] += 0.6
+    pulses = gap_pulses(with_gaps(sent, [gap]))[:, :, EXTERNAL]
+    assert np.array_equal(np.flatnonzero(pulses.any(axis=0)), np.arange(299, 328))
+    found = np.einsum("gi,gj->ij", pulses, pulses)
+    rng = np.random.default_rng(3)
+    acted = 0.6 * (np.arange(3000) / 3000 >= rng.uniform(size=(20_000, 1)))
+    means = acted.reshape(20_000, 3, 1000).mean(axis=2) + usual * rng.normal(size=(20_000, 3))
+    middles = [303, 313, 323]
+    assert found[np.ix_(middles, middles)] == pytest.approx(means.T @ means / 20_000, rel=0.03)
+
+
 def test_a_jump_of_the_commands_is_not_a_usual_step():
     sent = 0.1 * (np.arange(len(recorded(0.0).commands)) % 2)
     jump = sent + np.where(np.arange(len(sent)) >= 600, 50.0, 0.0)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from gap_logs import log_of, rigid
 from via_core.signals import Signals
-from via_gap.logs.quality import assessed
+from via_gap.logs.quality import SPANS, assessed
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import SPANS, Segments, cut_log
+from via_gap.residual.segments import Segments, cut_log
 from via_gap.residual.smoothing import local_fit, smoothed
 
 HALF = 12

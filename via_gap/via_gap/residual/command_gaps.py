@@ -1,9 +1,14 @@
 """Commands that the log lacks for a moment: what may have acted instead, as noise of the simulation.
 
 A command that was not recorded either acted or was never sent. In the first case it was anywhere between its two
-neighbours, give or take the usual step from one command to the next; in the second the last one stayed. So each gap
-has a pulse of unknown size with standard deviation sqrt(d^2 / 3 + s^2), with d the difference of its neighbours and s
-the usual step.
+neighbours, give or take the usual step from one command to the next; in the second the last one stayed. Let a change d
+between its neighbours come at any time in the gap. Of n pieces of the gap, the mean of what acted less what stayed has
+the second moments
+
+    C_ij = d^2 (min(i, j) - 1/2) / n,   C_ii = d^2 (i - 2/3) / n,   i, j = 1 .. n
+
+and each piece the usual step s besides. With C = d^2 V L V', pieces of pulse k are V_ik sqrt(d^2 L_k + s^2), of unknown
+sign; a gap of one piece has one pulse of sqrt(d^2 / 3 + s^2).
 
 Where a controller is faster than the log, commands between two samples are not recorded (logs/between.py). A step of d
 came at any time in the interval T between its samples. The simulation has it halfway, and its integral is wrong by d T
@@ -15,62 +20,82 @@ The effect of each pulse on a segment, by simulation, joins that of the unknown 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 from via_core.signals import Array, Indices
 
 from via_gap.logs.between import steps_of, usual
-from via_gap.residual.segments import Segments, drive_rows, measured_columns
+from via_gap.logs.quality import SEGMENT, SHORT
+from via_gap.residual.segments import ROUNDED, Segments, drive_rows, measured_columns
 
 GROUPS = 8  # gaps in a segment with pulses of their own, the largest; others share one, with random signs
 
 
+PIECE = SHORT * SEGMENT  # [s] of a gap: the motion depends on the mean of what acted in it
+
+
+@dataclass(frozen=True, eq=False)
+class _Pulse:
+    """Changes `sizes` (n, N_COMMANDS) of the commands from each of `edges` (n + 1,) [ticks] to the next."""
+
+    edges: Indices
+    sizes: Array
+
+
 def gap_pulses(segments: Segments) -> Array:
-    """(G, T, N_COMMANDS) changes of the commands by one standard deviation: gaps of a segment in different groups."""
+    """(G, T, N_COMMANDS) changes of the commands by one standard deviation: pulses of a segment in different groups."""
     commands = segments.commands
-    lost, steps = _lost(segments), _steps(segments)
-    spans, sizes = (np.concatenate(each) for each in zip(lost, steps, strict=True))
-    kept = sizes.any(axis=1)
-    spans, sizes = spans[kept], sizes[kept]
-    if not len(spans):
+    pulses = [pulse for pulse in (*_lost(segments), *_steps(segments)) if pulse.sizes.any()]
+    if not pulses:
         return np.empty((0, *commands.shape))
-    scale = np.sqrt(np.mean(sizes**2, axis=0)) + np.finfo(float).tiny
-    largest = np.argsort(-np.sum((sizes / scale) ** 2, axis=1), kind="stable")
-    segment = np.searchsorted(segments.begin, spans[:, 0], side="right")
+    squares = np.stack([np.sum(pulse.sizes**2, axis=0) for pulse in pulses])
+    largest = np.argsort(-np.sum(squares / (np.mean(squares, axis=0) + np.finfo(float).tiny), axis=1), kind="stable")
+    segment = np.searchsorted(segments.begin, [pulse.edges[0] for pulse in pulses], side="right")
     count = min(GROUPS, int(np.bincount(segment).max()))
-    signs = np.random.default_rng(0).choice((-1.0, 1.0), len(spans))
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), len(pulses))
     met = np.zeros(int(segment.max()) + 1, dtype=np.intp)
     out = np.zeros((count, *commands.shape))
     for k in largest:
         group = min(met[segment[k]], count - 1)
         met[segment[k]] += 1
-        begin, end = spans[k]
-        out[group, begin:end] += signs[k] * sizes[k]
+        begin, end = pulses[k].edges[[0, -1]]
+        out[group, begin:end] += signs[k] * np.repeat(pulses[k].sizes, np.diff(pulses[k].edges), axis=0)
     return out
 
 
-def _lost(segments: Segments) -> tuple[Indices, Array]:
-    """Ticks (g, 2) without the commands that were sent, and standard deviations (g, N_COMMANDS) of these."""
-    gaps, commands, period = segments.gaps, segments.commands, segments.command_ticks
+def _lost(segments: Segments) -> Iterator[_Pulse]:
+    """Pulses where no command was recorded."""
+    commands, period = segments.commands, segments.command_ticks
     step = usual(np.abs(commands[period:] - commands[:-period]))
-    last = np.minimum(gaps[:, 1] + period, len(commands) - 1)  # the command after it may have acted after its stamp
-    change = commands[last] - commands[gaps[:, 0]]
-    return np.stack([gaps[:, 0] + period, last], axis=1), np.sqrt(change**2 / 3.0 + step**2)
+    for before, after in segments.gaps:
+        begin, end = before + period, min(after + period, len(commands) - 1)  # the next may act after its stamp
+        change = commands[end] - commands[before]
+        n = ceil((after - before) / (PIECE * segments.rate) - ROUNDED)
+        place = np.arange(1, n + 1)
+        moments = np.minimum.outer(place, place) - 0.5
+        np.fill_diagonal(moments, place - 2.0 / 3.0)
+        values, vectors = np.linalg.eigh(moments / n)
+        edges = np.linspace(begin, end, n + 1).round().astype(np.intp)
+        for value, vector in zip(values, vectors.T, strict=True):
+            yield _Pulse(edges, vector[:, None] * np.sqrt(change**2 * value + step**2))
 
 
-def _steps(segments: Segments) -> tuple[Indices, Array]:
-    """Ticks (g, 2) before and after the middle of each step, and sd (g, N_COMMANDS) of the commands there."""
+def _steps(segments: Segments) -> Iterator[_Pulse]:
+    """Pulses before and after the middle of each step between two samples."""
     log = segments.log
     if log.lined is None or log.commands is None or len(log.commands) < 3:
-        return np.empty((0, 2), dtype=np.intp), np.empty((0, segments.commands.shape[1]))
+        return
     time = log.commands.time
     rows = drive_rows(replace(log, lined=None), time)
     rows[:, measured_columns(log)] = 0.0
     edges = np.sort(np.concatenate((time, 0.5 * (time[1:] + time[:-1])))) + log.lined - segments.origin
     ticks = np.clip(np.floor(edges * segments.rate + 0.5), 0.0, len(segments.commands)).astype(np.intp)
-    halves = np.stack([ticks[:-1], ticks[1:]], axis=1)
     length = np.diff(ticks).astype(float)
     whole = np.repeat(length[::2] + length[1::2], 2)
     size = np.sqrt(np.divide(whole, 12.0 * length, out=np.zeros_like(length), where=length > 0.0))
-    return halves, np.repeat(steps_of(rows), 2, axis=0) * size[:, None]
+    sizes = np.repeat(steps_of(rows), 2, axis=0) * size[:, None]
+    for k in np.flatnonzero(sizes.any(axis=1)):
+        yield _Pulse(ticks[k : k + 2], sizes[k : k + 1])

@@ -23,15 +23,11 @@ from via_sim.simulate import command_rows
 from via_gap.logs.between import acting, along, in_lines
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import LogNoise, error_correlation, log_noise, torque_densities
-from via_gap.logs.quality import Quality
+from via_gap.logs.quality import SEGMENT, SPANS, Quality
 from via_gap.logs.rounding import interpolated, mean_variance, step_of, variances
 from via_gap.logs.start import FIRST
 from via_gap.residual.smoothing import smoothed, window_of
 
-SPAN = 0.25  # [s] of a segment of a torque-driven joint, which drifts
-# [s] by the drive. With a position drive, a wrong start decays within the settling time of the loop; with servos, a
-# joint does not drift.
-SPANS = {"torque": SPAN, "position": 0.75, "servo": 1.5}
 # [Hz] ticks: a slower log is simulated with several ticks per sample, one for each command up to FASTEST, beyond the
 # bandwidth of any joint
 SLOWEST, FASTEST = 500.0, 2000.0
@@ -192,7 +188,7 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     for i in np.flatnonzero(sd > 0.0):
         path = states[:, axes[i]]
         if averaged:
-            run = min(ticks, round(SPAN * rate))
+            run = min(ticks, round(SEGMENT * rate))
             share[i] = mean_variance(error_correlation(channels[i], path, every, run))
         else:
             read = error_correlation(channels[i], path[:: max(1, round(rate * period))], mixed.shape[-1])
