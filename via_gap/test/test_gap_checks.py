@@ -13,8 +13,8 @@ from via_core.signals import Signals
 from via_gap.logs.breaks import LEFT
 from via_gap.logs.checks import check_log
 from via_gap.logs.log import JointLog
-from via_gap.logs.rounding import step_of
 from via_gap.logs.quality import SPANS
+from via_gap.logs.rounding import step_of
 
 REPORTS = (StampReport("/joint_states", 0, 1, 0, 0, 0, 1),)
 
