@@ -43,7 +43,7 @@ from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
 from via_controllers.nodes.answers import AnswerWriter, limit_names
-from via_controllers.robot import Controlled
+from via_controllers.robot import Controlled, zero_sample
 from via_controllers.supervision.arm_supervision import GAP, Change
 from via_controllers.supervision.lateness import LATEST, Lateness
 
@@ -306,6 +306,6 @@ def _warm_up(robot: Controlled) -> None:
     for active in (False, True):
         state = supervisor.init()
         for step in range(WARM_UP):
-            state, answer = supervisor.step(state, robot.zero_sample(1e-3 * step), active)
+            state, answer = supervisor.step(state, zero_sample(robot, 1e-3 * step), active)
             if len(answer.torque) != n:
                 raise ParameterError(f"the controller returns {len(answer.torque)} torques for {n} motors")
