@@ -29,15 +29,13 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from via_core.errors import ParameterError, ViaError
-from via_core.wire import seconds
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.conversions import JointReader, Joints, nanoseconds
-from via_ros.gate import Gate
+from via_ros.conversions import JointReader, Joints
+from via_ros.gate import Gate, SampleStream
 from via_ros.parameters import declare
 from via_ros.peers import rivalry
 from via_ros.reports import StatusReport, report
-from via_ros.samples import SampleStream
 from via_ros.serialised import JOINT_STATES, raw
 from via_ros.spin import STEADY
 
@@ -198,8 +196,7 @@ class ControllerNode(LifecycleNode):
 
     def time_of(self, stamp: Any) -> float:
         """[s] of a message's stamp in the time of samples; NaN before the first sample."""
-        (origin,) = self._samples.reader.origins
-        return np.nan if origin is None else seconds(nanoseconds(stamp), origin)
+        return self._samples.time_of(stamp)
 
     def update(self, change: Change) -> None:
         """Apply `change` to the controller's state if the controller is active."""

@@ -32,9 +32,9 @@ from via_interfaces.msg import VsaCommand
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
 from via_ros.conversions import Joints, RowReader
+from via_ros.gate import SampleStream
 from via_ros.parameters import declare
 from via_ros.reports import report
-from via_ros.samples import SampleStream
 from via_ros.serialised import JOINT_STATES
 from via_ros.spin import STEADY, run
 

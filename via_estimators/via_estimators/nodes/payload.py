@@ -28,9 +28,9 @@ from via_interfaces.msg import PayloadEstimate
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
 from via_ros.conversions import JointReader, Joints, set_stamp
+from via_ros.gate import SampleStream
 from via_ros.parameters import declare
 from via_ros.reports import StatusReport, report
-from via_ros.samples import SampleStream
 from via_ros.serialised import JOINT_STATES
 from via_ros.spin import STEADY, run
 

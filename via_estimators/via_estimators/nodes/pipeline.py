@@ -9,7 +9,7 @@ from via_core.status import Status
 from via_interfaces.msg import VsaCommand
 from via_ros import qos
 from via_ros.conversions import RowReader, command_of, nanoseconds
-from via_ros.samples import SampleStream
+from via_ros.gate import SampleStream
 
 from via_estimators.nodes.channel import EstimatorChannel
 

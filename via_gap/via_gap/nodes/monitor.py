@@ -32,9 +32,8 @@ from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import GapStatus, VsaCommand
 from via_ros import qos
 from via_ros.conversions import Joints, RowReader
-from via_ros.gate import LOSSY, RenewedSubscription
+from via_ros.gate import LOSSY, RenewedSubscription, SampleStream
 from via_ros.parameters import declare
-from via_ros.samples import SampleStream
 from via_ros.serialised import decoded_command
 from via_ros.spin import STEADY, run
 
