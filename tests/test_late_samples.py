@@ -109,7 +109,7 @@ def test_a_node_judges_lateness_by_stamps_of_its_own_clock(graph, monkeypatch, s
     samples = JointStateBytes(writer)
     for tick in range(80):
         clock.now += QUICK
-        node._answer(samples.stamped((10**9 if simulated else first) + tick * 10**6))
+        node._samples._receive(samples.stamped((10**9 if simulated else first) + tick * 10**6))
     assert node.answered == 80 and (LOST in node._faults) == stalled
     assert (node._late > 0) != simulated
 

@@ -133,7 +133,7 @@ def test_an_empty_message_silences_nobody(graph):
             assert time.monotonic() - began < 4.0
         finally:
             robot.kill()
-    assert estimator._samples.renewals == 1
+    assert estimator._samples.subscription.renewals == 1
 
 
 def test_a_message_with_a_million_names_is_not_decoded(graph, capfd):
@@ -146,7 +146,7 @@ def test_a_message_with_a_million_names_is_not_decoded(graph, capfd):
     peer.samples.publish(JointState(name=[f"\x1b[2J{k}" for k in range(200)]))
     peer.samples.publish(peer.writer.stamped(1))
     graph.until(lambda: len(heard) == 1)
-    assert estimator._broken == 2 and estimator._reader.foreign == 1
+    assert estimator._samples.broken == 2 and estimator._reader.foreign == 1
     errors = capfd.readouterr().err
     assert "\x1b[2J" not in errors and "␛[2J19" in errors and "20" not in errors.partition(" in ")[2].split(",")
 

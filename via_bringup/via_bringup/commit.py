@@ -8,14 +8,14 @@ from pathlib import Path
 
 def commit() -> str:
     """Short hash of the checked-out commit, with a + if a package was changed since; 'unknown' outside a clone."""
-    found = _git("rev-parse", "--short", "HEAD").strip()
+    found = git("rev-parse", "--short", "HEAD").strip()
     if not found:
         return "unknown"
-    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ":(top,glob)via_*/**")
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", ":(top,glob)via_*/**")
     return found + ("+" if changed.strip() else "")
 
 
-def _git(*words: str) -> str:
+def git(*words: str) -> str:
     """Output of git in the folder of this file; empty if git fails."""
     try:
         done = subprocess.run(

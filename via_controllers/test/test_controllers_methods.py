@@ -10,7 +10,7 @@ from via_controllers.joints.equilibrium_preset import EquilibriumPreset
 from via_controllers.joints.max_velocity import MaxVelocity
 from via_controllers.joints.motor_position import MotorPositionControl
 from via_controllers.methods import CONTROLLERS
-from via_controllers.robot import ControlledJoint
+from via_controllers.robot import ControlledJoint, zero_sample
 from via_controllers.supervision.arm_supervision import Activity
 
 KINDS = {
@@ -34,7 +34,7 @@ def test_default_parameters_build_the_controller(name):
     assert isinstance(controller, KINDS[name])
     assert robot.command_name == f"{robot.name}/command"
     supervisor = robot.supervisor
-    state, answer = supervisor.step(supervisor.init(), robot.zero_sample(0.0), active=True)
+    state, answer = supervisor.step(supervisor.init(), zero_sample(robot, 0.0), active=True)
     limits = supervisor.limits.arm
     assert answer.activity is Activity.ACTIVE and answer.torque.shape == (limits.n,)
     assert (np.abs(answer.torque) <= limits.torque_limit).all()
@@ -45,6 +45,6 @@ def test_default_parameters_build_the_controller(name):
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_an_invalid_sample_leaves_the_motors_passive(name):
     robot = CONTROLLERS[name]().build()
-    before, _ = robot.supervisor.step(robot.supervisor.init(), robot.zero_sample(0.0), active=True)
-    after, answer = robot.supervisor.step(before, robot.zero_sample(np.nan), active=True)
+    before, _ = robot.supervisor.step(robot.supervisor.init(), zero_sample(robot, 0.0), active=True)
+    after, answer = robot.supervisor.step(before, zero_sample(robot, np.nan), active=True)
     assert after is before and answer.activity is Activity.PASSIVE and not answer.torque.any()

@@ -17,6 +17,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 
 State = TypeVar("State")
+Sample = TypeVar("Sample")  # JointSample or ArmSample
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,15 @@ class Quantity:
     unit: str  # SI, '-' for none
 
 
-class Observable(ABC, Generic[State]):
-    """Access to the internal quantities of a controller."""
+class ControlLaw(ABC, Generic[State, Sample]):
+    """What controllers of joints and of arms share; their parameters are their fields."""
+
+    @abstractmethod
+    def step(self, state: State, sample: Sample) -> tuple[State, Torques]:
+        """The next state and the torques for `sample`; `state` is not modified.
+
+        For an invalid sample torques are zero and the state is unchanged.
+        """
 
     @property
     @abstractmethod
@@ -79,34 +87,20 @@ class Observable(ABC, Generic[State]):
         """Values (k,) of `quantities` at the last valid sample."""
 
 
-class Controller(Observable[State]):
-    """A controller of a joint; its parameters are its fields."""
+class Controller(ControlLaw[State, JointSample]):
+    """A controller of a joint."""
 
     @abstractmethod
     def init(self) -> State:
         """The state before the first sample."""
 
-    @abstractmethod
-    def step(self, state: State, sample: JointSample) -> tuple[State, Torques]:
-        """The next state and the torques for `sample`; `state` is not modified.
 
-        For an invalid sample torques are zero and the state is unchanged.
-        """
-
-
-class ArmController(Observable[State]):
-    """A controller of an arm; its parameters are its fields."""
+class ArmController(ControlLaw[State, ArmSample]):
+    """A controller of an arm."""
 
     @abstractmethod
     def init(self, sample: ArmSample) -> State:
         """The state before the first sample; `sample` is this first sample and valid."""
-
-    @abstractmethod
-    def step(self, state: State, sample: ArmSample) -> tuple[State, Torques]:
-        """The next state and the torques for `sample`; `state` is not modified.
-
-        For an invalid sample torques are zero and the state is unchanged.
-        """
 
 
 def passive(motors: int) -> Torques:

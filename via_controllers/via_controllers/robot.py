@@ -67,10 +67,6 @@ class ControlledArm:
         """The sample from a row (1 + k,): time [s] and the numbers of `reading`."""
         return ArmSample(float(row[0]), *row[1:].reshape(5, -1).copy())
 
-    def zero_sample(self, time: float) -> ArmSample:
-        """A sample at `time` [s] with every value zero, to load compiled functions with."""
-        return ArmSample(time, *(np.zeros(len(self.joints)) for _ in range(5)))
-
 
 @dataclass(frozen=True, eq=False)
 class ControlledJoint:
@@ -104,12 +100,13 @@ class ControlledJoint:
         """The sample from a row (1 + k,), as for an arm."""
         return JointSample(float(row[0]), float(row[1]), row[2:].copy())
 
-    def zero_sample(self, time: float) -> JointSample:
-        """A sample at `time` [s] with every angle zero, to load compiled functions with."""
-        return JointSample(time, 0.0, np.zeros(self.axes.n))
-
 
 Controlled = ControlledArm | ControlledJoint
+
+
+def zero_sample(robot: Controlled, time: float) -> Any:
+    """A sample at `time` [s] with every number zero, to load compiled functions with."""
+    return robot.sample(np.array([time, *[0.0] * len(robot.reading.entries)]))
 
 
 @dataclass(frozen=True)

@@ -93,9 +93,15 @@ def page() -> str:
     lines = [HEAD, *overview(EFFECT_ROWS, "Effect"), "\n", *overview(DEVICE_ROWS, "Device file")]
     for name in FORMATS:
         lines.append(f"\n## {TITLES[name]}\n\n| | Slot or substitute | What is lost |\n|---|---|---|\n")
+        none: dict[str, list[str]] = {}
         for line in (*EFFECT_ROWS, *DEVICE_ROWS):
             slot = line.slots[name]
-            lines.append(f"| {title(line)} | {cell(slot.where) or 'none'} | {cell(slot.cost)} |\n")
+            if slot.where:
+                lines.append(f"| {title(line)} | {cell(slot.where)} | {cell(slot.cost)} |\n")
+            else:
+                none.setdefault(slot.cost, []).append(title(line))
+        lines.append("\nWithout a slot or substitute:\n\n")
+        lines += [f"- {cost}: {'; '.join(titles)}\n" for cost, titles in none.items()]
     return "".join(lines)
 
 

@@ -97,8 +97,8 @@ class JointReader:
     """Copies numbers of named joints from JointStates into rows.
 
     wanted     per row the joints that a message must name, and the (field, joint) of each number; None: set elsewhere
-    rows       (1 + k,) each, time [s] since the first message and the numbers, NaN where missing; overwritten by every
-               message that names the wanted joints: copy to keep
+    rows       (1, 1 + k) each, time [s] since the first message and the numbers, NaN where missing; overwritten by
+               every message that names the wanted joints: copy to keep
     malformed  per row the number of arrays whose length differs from that of the names; their values become NaN
     origins    [ns] per row the stamp of the first message
     foreign    number of messages that updated no row
@@ -108,7 +108,7 @@ class JointReader:
         self._wanted = wanted
         self._starts = np.cumsum([0, *(1 + len(entries) for _, entries in wanted)]).tolist()
         self._flat = np.full(self._starts[-1], np.nan)
-        self.rows = np.split(self._flat, self._starts[1:-1])
+        self.rows = np.split(self._flat[None], self._starts[1:-1], axis=1)
         self.malformed = [0] * len(wanted)
         self.origins: list[int | None] = [None] * len(wanted)
         self.foreign = 0
@@ -157,7 +157,7 @@ class JointReader:
         """The values that the last message of a row lacks among the first `required` ones, '' if it has them."""
         if self.origins[row] is None:
             return ""
-        pairs = list(zip(self._wanted[row][1], self.rows[row][1:], strict=True))[:required]
+        pairs = list(zip(self._wanted[row][1], self.rows[row][0, 1:], strict=True))[:required]
         lacks = [entry for entry, value in pairs if entry and isnan(value)]
         return shown(_listed([f"{field} of {joint}" for field, joint in lacks]))
 
@@ -194,17 +194,14 @@ class _Plan(NamedTuple):
     absent: np.ndarray  # indices in the flat array of joints not named
 
 
-class RowReader:
-    """Converts JointStates and VsaCommands to sample rows of several devices at once.
+class RowReader(JointReader):
+    """A reader for the links of devices that also holds their commands.
 
-    wanted     device and columns after time of each row, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
-    rows       (1, 1 + k) each, of a `JointReader` for the link of the device
-    malformed  as of `JointReader`
-    origins    as of `JointReader`
+    wanted  device and columns after time of each row, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
     """
 
     def __init__(self, wanted: Sequence[tuple[Device, Sequence[str]]]) -> None:
-        self._joints = JointReader(
+        super().__init__(
             [((device.link_joint,), [_place(device, each) for each in columns]) for device, columns in wanted]
         )
         self._drives = [device.n_drives for device, _ in wanted]
@@ -212,20 +209,10 @@ class RowReader:
             [(at, each) for at, each in enumerate(columns, 1) if each in REFERENCES or each.startswith("motor_")]
             for _, columns in wanted
         ]
-        self.rows = [row[None] for row in self._joints.rows]
-        self.malformed = self._joints.malformed
-        self.origins = self._joints.origins
-        self.read = self._joints.read  # indices of the rows updated by the contents of a JointState
-        self.absent, self.missing = self._joints.absent, self._joints.missing
-
-    @property
-    def foreign(self) -> int:
-        """As of `JointReader`."""
-        return self._joints.foreign
 
     def forget(self, row: int) -> None:
         """Reset the row: no origin of time, no command."""
-        self._joints.origins[row] = None
+        self.origins[row] = None
         self.rows[row][0, [at for at, _ in self._commands[row]]] = np.nan
 
     def hold(self, row: int, message: VsaCommand) -> bool:

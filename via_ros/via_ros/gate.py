@@ -11,6 +11,8 @@ It also survives a message that the middleware cannot deliver. A serialised mess
 Fast DDS 2.14 neither delivers it nor skips it, and a reliable reader receives nothing more until the writer's history
 has been replaced, seconds later. When a stream falls silent, a second reader without reliability listens too. If it
 hears what the first one does not, the first one is replaced.
+
+SampleStream takes the samples of joints through one, and names what is wrong with them in diagnostics.
 """
 
 from __future__ import annotations
@@ -18,15 +20,19 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable
-from math import inf
+from math import inf, nan
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from via_core.errors import ViaError
 from via_core.text_files import shown
+from via_core.wire import seconds
 
 from via_ros import qos
+from via_ros.conversions import JointReader, Joints, nanoseconds
+from via_ros.serialised import JointStateDecoder
 from via_ros.spin import STEADY
 
 # What the content of a message can cause; any other exception is a fault of the program.
@@ -170,3 +176,60 @@ class RenewedSubscription:
         if self._second is not None:
             self._node.destroy_subscription(self._second)
             self._second = None
+
+
+class SampleStream:
+    """Decodes the messages of a topic and copies their numbers into the rows of `reader`.
+
+    take    called with the contents of each message and the indices of the rows that it updated
+    broken  number of messages that could not be decoded
+    """
+
+    def __init__(
+        self, node: Any, topic: str, reader: JointReader, take: Callable[[Joints, list[int]], None], profile: QoSProfile
+    ) -> None:
+        self.reader, self.broken = reader, 0
+        self._take, self._decoder = take, JointStateDecoder()
+        self.subscription = RenewedSubscription(node, JointState, topic, self._receive, profile)
+
+    def destroy(self) -> None:
+        """Destroy the subscription."""
+        self.subscription.destroy()
+
+    @property
+    def is_lossy(self) -> bool:
+        """Whether samples are published best effort."""
+        return self.subscription.is_lossy
+
+    def time_of(self, stamp: Any, row: int = 0) -> float:
+        """[s] of a message's stamp in the time of a row; NaN before its first sample."""
+        origin = self.reader.origins[row]
+        return nan if origin is None else seconds(nanoseconds(stamp), origin)
+
+    def malformed(self, row: int = 0) -> int:
+        """Number of malformed messages, as far as they concern a row."""
+        return self.broken + self.reader.malformed[row]
+
+    def conditions(
+        self, silent: bool, row: int = 0, required: int | None = None, unusable: bool = True
+    ) -> dict[str, bool]:
+        """What may be wrong with the samples of a row, and whether it is.
+
+        silent    no sample came since the last report
+        required  so many first values of the row must be there; None: all
+        unusable  the last sample could not be used, so that missing values are reported
+        """
+        absent, missing = self.reader.absent(), self.reader.missing(row, required)
+        return {
+            "no samples": silent,
+            LOSSY: self.is_lossy,
+            absent: silent and bool(absent),
+            f"no value of {missing}": unusable and bool(missing),
+        }
+
+    def _receive(self, data: bytes) -> None:
+        joints = self._decoder.decode(data)
+        if joints is None:
+            self.broken += 1
+        else:
+            self._take(joints, self.reader.read(joints))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined
@@ -25,3 +26,11 @@ def rendered(
     environment.filters.update(filters or {})
     text = files("via_validation").joinpath(template).read_text("utf-8")
     return environment.from_string(text).render(**values)
+
+
+def write_page(
+    path: Path, template: str, values: Mapping[str, Any], filters: Mapping[str, Callable[..., Any]] | None = None
+) -> None:
+    """Write what `rendered` returns; makes the folder if necessary."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(rendered(template, values, filters), encoding="utf-8")

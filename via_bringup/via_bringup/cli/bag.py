@@ -18,7 +18,7 @@ from via_core.bags.recovery import recover as recover_bag
 from via_core.devices import load_device
 from via_core.text_files import write_text
 
-from via_bringup.cli.console import answers, errors, table, working
+from via_bringup.cli.console import answers, errors, print_table, working
 from via_bringup.cli.outputs import check_files, check_folder
 from via_bringup.cli.run import execute_node, ros_arguments
 
@@ -38,10 +38,8 @@ def import_folder(
     with working(f"importing {folder}"):
         imported = import_recordings(folder, mapping, out)
     if imported.refused:
-        listing = table("Refused", "recording", "reason", texts=("reason",))
-        for file in imported.refused:
-            listing.add_row(file.source, "; ".join(file.reasons))
-        answers.print(listing)
+        rows = ((file.source, "; ".join(file.reasons)) for file in imported.refused)
+        print_table("Refused", ("recording", "reason"), rows, texts=("reason",))
     warnings = Counter(
         (finding.check, finding.subject) for file in imported.accepted for finding in file.findings
         if finding.severity == "warning"
@@ -62,15 +60,12 @@ def import_folder(
 def info(bag: BagPath) -> None:
     """Show the topics and metadata of a bag."""
     found = info_of(bag)
-    listing = table(
-        f"{found.path}: {found.messages} messages, {found.duration:.3f} s, {found.size / 1e6:.2f} MB",
-        "topic", "type", "messages", "rate [Hz]", texts=("type",),
-    )  # fmt: skip
-    for topic in found.topics:
-        listing.add_row(
-            topic.name, topic.type_name, str(topic.messages), f"{topic.rate:.1f}" if isfinite(topic.rate) else "-"
-        )
-    answers.print(listing)
+    title = f"{found.path}: {found.messages} messages, {found.duration:.3f} s, {found.size / 1e6:.2f} MB"
+    rows = (
+        (each.name, each.type_name, str(each.messages), f"{each.rate:.1f}" if isfinite(each.rate) else "-")
+        for each in found.topics
+    )
+    print_table(title, ("topic", "type", "messages", "rate [Hz]"), rows, texts=("type",))
     for name, value in found.metadata.items():
         if value:
             answers.print(f"{name}: {value}")

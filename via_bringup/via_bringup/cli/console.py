@@ -7,7 +7,7 @@ printed as their pictures: names in files of others may contain them.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from math import isnan
 from typing import Any
@@ -59,6 +59,16 @@ def table(title: str, *columns: str, names: int = 1, texts: Collection[str] = ()
         left = number < names or column in texts
         made.add_column(column, justify="left" if left else "right", no_wrap=number < names, overflow="fold")
     return made
+
+
+def print_table(
+    title: str, columns: Iterable[str], rows: Iterable[Iterable[Any]], names: int = 1, texts: Collection[str] = ()
+) -> None:
+    """Print a table with these rows of cells; `names` and `texts` as in `table`."""
+    made = table(title, *columns, names=names, texts=texts)
+    for cells in rows:
+        made.add_row(*cells)
+    answers.print(made)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import typer
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from via_bringup.cli.console import answers, table, working
+from via_bringup.cli.console import answers, print_table, working
 from via_bringup.cli.outputs import check_folder
 
 
@@ -61,15 +61,14 @@ def demo(
     robot, live = summary.robot, summary.live
     if robot.refused:
         title = f"Refused recordings: {len(robot.refused)} of {len(robot.refused) + robot.accepted}"
-        refused = table(title, "recording", "reason", texts=("reason",))
-        for file in robot.refused:
-            refused.add_row(file.file, "; ".join(file.reasons))
-        answers.print(refused)
-    gap = table("Error of the simulated angle", "damping strategy", "runs", "NRMSE")
-    for strategy, value in robot.nrmse_by_strategy.items():
-        gap.add_row(strategy, str(sum(run.strategy == strategy for run in robot.runs)), f"{value:.3f}")
-    gap.add_row("all", str(len(robot.runs)), f"{robot.nrmse:.3f}")
-    answers.print(gap)
+        refused = ((file.file, "; ".join(file.reasons)) for file in robot.refused)
+        print_table(title, ("recording", "reason"), refused, texts=("reason",))
+    rows = [
+        (strategy, str(sum(run.strategy == strategy for run in robot.runs)), f"{value:.3f}")
+        for strategy, value in robot.nrmse_by_strategy.items()
+    ]
+    rows.append(("all", str(len(robot.runs)), f"{robot.nrmse:.3f}"))
+    print_table("Error of the simulated angle", ("damping strategy", "runs", "NRMSE"), rows)
     lost = live.traffic.lost + live.replay.lost
     stiffness = (
         "the joint moved too little for an estimate of stiffness, since commands came late"

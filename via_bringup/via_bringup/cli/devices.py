@@ -9,7 +9,7 @@ from via_core.devices import Device, device_names, load_device
 from via_core.errors import ParameterError
 from via_estimators.methods import estimator_for, method_for
 
-from via_bringup.cli.console import answers, table
+from via_bringup.cli.console import answers, print_table
 
 
 def devices(
@@ -20,11 +20,9 @@ def devices(
         _describe(load_device(device))
         return
     texts = ("arrangement", "drive", "estimator", "confidence")
-    listing = table("Devices", "name", *texts, texts=texts)
-    for name in device_names():
-        each = load_device(name)
-        listing.add_row(name, each.arrangement, each.drive, _estimator(each), each.confidence)
-    answers.print(listing)
+    listed = ((name, load_device(name)) for name in device_names())
+    rows = ((name, each.arrangement, each.drive, _estimator(each), each.confidence) for name, each in listed)
+    print_table("Devices", ("name", *texts), rows, texts=texts)
     answers.print("`via devices NAME` shows the source of a device's parameters")
 
 

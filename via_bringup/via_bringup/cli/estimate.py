@@ -6,6 +6,7 @@ From a bag they equal the node's bit for bit, if its samples come at the rate of
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +14,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.table import Table
 from via_core.bags.reader import Bag, read_bag
 from via_core.bags.recording_checks import rate_remark, sampling_rate
 from via_core.devices import load_device
@@ -25,7 +25,7 @@ from via_estimators.contract import Estimates
 from via_estimators.methods import Pair, estimator_for, pairs_of
 from via_estimators.rows import BagEstimates, SampleRows, at_rate, sample_rows, table_rows
 
-from via_bringup.cli.console import answers, errors, table, working
+from via_bringup.cli.console import answers, errors, print_table, working
 from via_bringup.cli.outputs import check_files
 
 UNITS = {"stiffness": "N m/rad", "motor_inertia": "kg m^2", "motor_damping": "N m s/rad", "damping": "N m s/rad"}
@@ -56,17 +56,15 @@ def estimate(
     lacking = [f"{pair.device.name}: {what}" for pair, each in results for what in _missing(each, _inputs(pair))]
     for complaint in dict.fromkeys([*source.remarks, *lacking]):
         errors.print(f"note: {complaint}")
-    shown = table(log.name, "device", "method", "estimate", "value", "sd", "unit", "last trusted at [s]", names=3)
-    for pair, (_, estimates) in results:
-        _add_last(shown, pair, estimates)
-    answers.print(shown)
+    columns = ("device", "method", "estimate", "value", "sd", "unit", "last trusted at [s]")
+    print_table(log.name, columns, (row for pair, each in results for row in _last(pair, each.estimates)), names=3)
     statuses = (status.name for status in Status)
-    by_status = table("samples by status", "device", "method", "samples", *statuses, names=2)
+    rows = []
     for pair, (_, estimates) in results:
         shares = [float(np.mean(estimates.status == status)) if len(estimates) else 0.0 for status in Status]
         percentages = (f"{100.0 * share:.1f} %" for share in shares)
-        by_status.add_row(pair.device.name, pair.method, str(len(estimates)), *percentages)
-    answers.print(by_status)
+        rows.append((pair.device.name, pair.method, str(len(estimates)), *percentages))
+    print_table("samples by status", ("device", "method", "samples", *statuses), rows, names=2)
     if out is not None:
         for pair, each in results:
             path = out if len(results) == 1 else out.with_stem(f"{out.stem}_{pair.device.name}_{pair.method}")
@@ -117,8 +115,8 @@ def _inputs(pair: Pair) -> tuple[str, ...]:
     return estimator_for(*pair).inputs
 
 
-def _add_last(shown: Table, pair: Pair, estimates: Estimates) -> None:
-    """Add one row per output with its last trusted estimate, or dashes if there is none."""
+def _last(pair: Pair, estimates: Estimates) -> Iterator[tuple[str, ...]]:
+    """One row per output with its last trusted estimate, or dashes if there is none."""
     trusted = np.flatnonzero(estimates.status == Status.OK)
     for name in estimates.outputs:
         value, standard_deviation = estimates.column(name)
@@ -127,7 +125,7 @@ def _add_last(shown: Table, pair: Pair, estimates: Estimates) -> None:
             cells = (f"{value[at]:.6g}", f"{standard_deviation[at]:.2g}", _unit(name), f"{estimates.time[at]:.3f}")
         else:
             cells = ("-", "-", _unit(name), "never")
-        shown.add_row(pair.device.name, pair.method, name, *cells)
+        yield (pair.device.name, pair.method, name, *cells)
 
 
 def _missing(result: BagEstimates, inputs: tuple[str, ...]) -> list[str]:

@@ -16,7 +16,7 @@ from via_gap.design.excite_design import Designed, Settings, design
 from via_gap.design.motion_file import references
 from via_gap.design.observed import torque_noise_of
 
-from via_bringup.cli.console import answers, table, working
+from via_bringup.cli.console import answers, print_table, working
 from via_bringup.cli.options import DeviceName, JsonFile
 from via_bringup.cli.outputs import check_files, finite, save
 
@@ -84,20 +84,19 @@ def _share(text: str, option: str) -> float | None:
 
 def _print(found: Designed, torque_noise: float) -> None:
     device, goal, checked = found.problem.device, found.problem.goal, found.verification
-    shown = table(
-        f"{device.name}: motion of {found.duration:.3g} s, verified with {checked.seeds} runs of {checked.method}",
-        "quantity", "wanted sd", "predicted sd", "stated sd", "scatter", "coverage of 95 %",
-    )  # fmt: skip
-    rows = (
+    title = f"{device.name}: motion of {found.duration:.3g} s, verified with {checked.seeds} runs of {checked.method}"
+    figures = (
         ("stiffness", goal.stiffness_sd, found.candidate.stiffness_sd, checked.stiffness_sd, checked.stiffness_scatter,
          checked.coverage),
         ("viscous friction of the motors", goal.damping_sd, found.candidate.damping_sd, checked.damping_sd,
          checked.damping_scatter, checked.damping_coverage),
     )  # fmt: skip
-    for name, wanted, *shares, coverage in rows:
-        cells = ["any" if wanted is None else _percent(wanted), *map(_percent, shares), f"{100.0 * coverage:.0f} %"]
-        shown.add_row(name, *cells)
-    answers.print(shown)
+    rows = (
+        (name, "any" if wanted is None else _percent(wanted), *map(_percent, shares), f"{100.0 * coverage:.0f} %")
+        for name, wanted, *shares, coverage in figures
+    )
+    columns = ("quantity", "wanted sd", "predicted sd", "stated sd", "scatter", "coverage of 95 %")
+    print_table(title, columns, rows)
     answers.print(
         "predicted: from noise alone; stated: by the estimator, which also allows for springs that change and for "
         "effects that its equation lacks",

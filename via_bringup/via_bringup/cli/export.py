@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from via_core.devices import Device, load_device
 from via_core.errors import ViaError
-from via_export import FORMATS, Check, Export, add_arm_cause
+from via_export import FORMATS, Export, add_arm_cause
 from via_export import check as checked
 from via_export import export as exported
 from via_export.mjcf_given import note_on_place
@@ -18,7 +18,7 @@ from via_gap.run.arm_cause import is_cause, read_cause
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
 
-from via_bringup.cli.console import answers, table
+from via_bringup.cli.console import answers, print_table
 from via_bringup.cli.options import OwnEffects, saved_report
 from via_bringup.cli.outputs import save_or_print
 
@@ -110,21 +110,14 @@ def _check(
         names = {each.log for each in report.held_out}
         held_out = report.held_out if names & {log.name for log in logs} else ()
     found = checked(logs, device, effects, into, joint, held_out)
-    shown = table("Gap: error over the standard deviation of the measurement", "simulator", "before", "after")
-    for name, (before, after) in rows(found).items():
-        shown.add_row(name, f"{100.0 * before:.3g} %", f"{100.0 * after:.3g} %")
+    pairs = {"MuJoCo": found.mujoco, "via_sim": found.via_sim}
+    gaps = {name: (before.overall, after.overall) for name, (before, after) in pairs.items()}
     if report is not None and report.gap is not None:
-        shown.add_row(
-            f"report ({report.gap.by})", f"{100.0 * report.gap.before:.3g} %", f"{100.0 * report.gap.after:.3g} %"
-        )
-    answers.print(shown)
+        gaps[f"report ({report.gap.by})"] = report.gap.before, report.gap.after
+    cells = ((name, *(f"{100.0 * gap:.3g} %" for gap in pair)) for name, pair in gaps.items())
+    title = "Gap: error over the standard deviation of the measurement"
+    print_table(title, ("simulator", "before", "after"), cells)
     part = "the intervals that the report held out" if held_out else "the whole logs"
     answers.print(f"on {part}; sensor noise alone: {100.0 * found.floor:.3g} %", soft_wrap=True)
     if report is not None and report.by_equations:
         answers.print("The report compares equations, this check simulates segments: compare the first two lines.")
-
-
-def rows(found: Check) -> dict[str, tuple[float, float]]:
-    """Gap before and after by simulator."""
-    pairs = {"MuJoCo": found.mujoco, "via_sim": found.via_sim}
-    return {name: (before.overall, after.overall) for name, (before, after) in pairs.items()}

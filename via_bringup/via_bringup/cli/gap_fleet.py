@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from via_core.devices import load_device
 from via_core.text_files import write_text
 
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
 from via_bringup.cli.options import OwnEffects
 from via_bringup.cli.outputs import check_files, check_folder
 
@@ -56,7 +56,7 @@ def fleet(
             bar.update(task, completed=done, total=total, description=step)
 
         rows = run_fleet(logs, described, results, progress, Workers(scheduler, workers))
-    _print(rows)
+    print_table(f"{len(rows)} logs", HEADER, map(cells, rows))
     write_text(results / "fleet.csv", as_csv(rows))
     write_text(results / "fleet.json", json.dumps([asdict(row) for row in rows], indent=1) + "\n")
     written = [results / "fleet.csv", results / "fleet.json"]
@@ -94,10 +94,3 @@ def as_markdown(rows: Sequence[Row]) -> str:
     """The table in Markdown."""
     lines = [HEADER, tuple("---" for _ in HEADER), *(cells(row) for row in rows)]
     return "".join(f"| {' | '.join(each.replace('|', chr(92) + '|') for each in line)} |\n" for line in lines)
-
-
-def _print(rows: Sequence[Row]) -> None:
-    shown = table(f"{len(rows)} logs", *HEADER)
-    for row in rows:
-        shown.add_row(*cells(row))
-    answers.print(shown)

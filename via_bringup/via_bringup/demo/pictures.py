@@ -54,7 +54,7 @@ def estimates(damping: Band, stiffness: Band, path: Path) -> None:
             axes.get_legend().remove()
             axes.set(title=label, xlabel="time [s]")
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=8)
-        _save(figure, path)
+        save_figure(figure, path)
 
 
 def angles(gap: Gap, path: Path) -> None:
@@ -65,7 +65,7 @@ def angles(gap: Gap, path: Path) -> None:
         axes.plot(gap.time - gap.time[0], gap.simulated, color=MODEL, linestyle="--", label="model")
         axes.set(xlabel="time [s]", ylabel="joint angle [rad]")
         _legend(axes)
-        _save(figure, path)
+        save_figure(figure, path)
 
 
 def shares(values: Mapping[str, float], marked: Collection[str], label: str, path: Path) -> None:
@@ -78,7 +78,7 @@ def shares(values: Mapping[str, float], marked: Collection[str], label: str, pat
         axes.bar_label(bars, [f"{length:.2g} %" if length >= 0.1 else "below 0.1 %" for length in lengths], padding=3)
         axes.invert_yaxis()
         axes.set(xlabel=label, xlim=(0.0, 1.15 * max(lengths)))
-        _save(figure, path)
+        save_figure(figure, path)
 
 
 def gap_traces(gaps: Mapping[str, Gap], path: Path) -> None:
@@ -94,7 +94,7 @@ def gap_traces(gaps: Mapping[str, Gap], path: Path) -> None:
         for axes in panels[-1]:
             axes.set_xlabel("time [s]")
         panels.flat[0].legend()
-        _save(figure, path)
+        save_figure(figure, path)
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def by_strategy(columns: Mapping[str, Column], label: str, level: str, path: Pat
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
         axes.set(xlim=(-0.6, len(columns) - 0.4), xlabel="damping strategy", ylabel=label)
         _legend(axes)
-        _save(figure, path)
+        save_figure(figure, path)
 
 
 def run_in_detail(title: str, gap: Gap, equilibrium: Array, damping: Band, stiffness: Band, path: Path) -> None:
@@ -141,7 +141,7 @@ def run_in_detail(title: str, gap: Gap, equilibrium: Array, damping: Band, stiff
         _band(middle, damping, "commanded", "damping\n[N m s/rad]")
         _band(bottom, stiffness, "spring law of the published model", "stiffness\n[N m/rad]")
         bottom.set_xlabel("time [s]")
-        _save(figure, path)
+        save_figure(figure, path)
 
 
 def live_joint(time: Array, q: Array, theta: Array, stiffness: Band, path: Path) -> None:
@@ -163,7 +163,7 @@ def live_joint(time: Array, q: Array, theta: Array, stiffness: Band, path: Path)
             bottom.set_ylim(-reach, reach)
         bottom.set(xlabel="time [s]", ylabel="error [N m/rad]")
         _legend(bottom)
-        _save(figure, path)
+        save_figure(figure, path)
 
 
 def _band(axes: Axes, band: Band, reference: str, label: str) -> None:
@@ -191,7 +191,9 @@ def _legend(axes: Axes) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=10, borderaxespad=0.2)
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path, dpi: float | None = None) -> Path:
+    """Write and close the figure; makes the folder if necessary. Returns `path`."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    figure.savefig(path, dpi=dpi)
     plt.close(figure)
+    return path

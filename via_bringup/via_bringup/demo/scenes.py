@@ -8,10 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.signal import savgol_filter
@@ -27,7 +23,7 @@ from via_sim.nodes.hopper_simulator import HopperSimulatorNode
 from via_sim.nodes.simulator import SimulatorNode
 
 from via_bringup.demo.animations import arm_animation, hopper_animation, throw_animation
-from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
+from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE, save_figure
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS, damped_arm, throwing_controller, wall_scene
 from via_bringup.demo.scene_recording import Progress, Recorded, Robot, record_scene
 
@@ -64,7 +60,7 @@ def _limit_cycle(out: Path, duration: float, progress: Progress) -> list[Path]:
     _joints_plot(joints, seen, EQUILIBRIUM)
     level.plot(step * np.arange(len(seen.values)), seen.quantity("H") / LEVEL, color=REAL)
     level.set(xlabel="time [s]", ylabel="H / H_d [-]")
-    return [out / "bag", _saved(figure, out / "phase.png"), arm_animation(ARM, seen, None, out / "motion.gif")]
+    return [out / "bag", save_figure(figure, out / "phase.png"), arm_animation(ARM, seen, None, out / "motion.gif")]
 
 
 def _hitting(out: Path, duration: float, progress: Progress) -> list[Path]:
@@ -80,7 +76,7 @@ def _hitting(out: Path, duration: float, progress: Progress) -> list[Path]:
     tip.axhspan(0.0, 5.0, color=FAINT, alpha=0.5, linewidth=0)
     tip.set(xlabel="time [s]", ylabel="tip beyond the wall's face [mm]")
     _joints_plot(joints, seen, scene.rest)
-    return [out / "bag", _saved(figure, out / "phase.png"), arm_animation(arm, seen, point, out / "motion.gif")]
+    return [out / "bag", save_figure(figure, out / "phase.png"), arm_animation(arm, seen, point, out / "motion.gif")]
 
 
 def _throw(out: Path, duration: float, progress: Progress) -> list[Path]:
@@ -103,7 +99,7 @@ def _throw(out: Path, duration: float, progress: Progress) -> list[Path]:
     speeds.legend(loc="upper left", fontsize=10)
     phase.plot(q - theta, velocity, color=REAL)
     phase.set(xlabel="deflection of the spring [rad]", ylabel="velocity of the link [rad/s]")
-    drawn = _saved(figure, out / "phase.png")
+    drawn = save_figure(figure, out / "phase.png")
     return [out / "bag", drawn, throw_animation(seen, velocity, out / "motion.gif")]
 
 
@@ -116,7 +112,7 @@ def _hopper(out: Path, duration: float, progress: Progress) -> list[Path]:
     height.set(xlabel="time [s]", ylabel="height of the trunk [m]")
     phase.plot(seen.trunk[:, 1], np.gradient(seen.trunk[:, 1], seen.time), color=REAL, linewidth=0.8)
     phase.set(xlabel="height of the trunk [m]", ylabel="its rate [m/s]")
-    drawn = _saved(figure, out / "phase.png")
+    drawn = save_figure(figure, out / "phase.png")
     return [out / "bag", drawn, hopper_animation(robot, seen, out / "motion.gif")]
 
 
@@ -133,9 +129,3 @@ def _joints_plot(axes: plt.Axes, seen: Recorded, about: Array) -> None:
         axes.plot(seen.q[:, i] - about[i], seen.velocity[:, i], color=colour, linewidth=0.8, label=f"joint {i + 1}")
     axes.set(xlabel="link angle about rest [rad]", ylabel="link velocity [rad/s]")
     axes.legend(loc="upper right", fontsize=9)
-
-
-def _saved(figure: plt.Figure, path: Path) -> Path:
-    figure.savefig(path)
-    plt.close(figure)
-    return path

@@ -28,21 +28,20 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.gate import LOSSY, Gate, RenewedSubscription
+from via_ros.conversions import JointReader, Joints
+from via_ros.gate import Gate, SampleStream
 from via_ros.parameters import declare
 from via_ros.peers import rivalry
 from via_ros.reports import StatusReport, report
-from via_ros.serialised import JOINT_STATES, JointStateDecoder, raw
+from via_ros.serialised import JOINT_STATES, raw
 from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
 from via_controllers.nodes.answers import AnswerWriter, limit_names
-from via_controllers.nodes.samples import SampleReader
-from via_controllers.robot import Controlled
+from via_controllers.robot import Controlled, zero_sample
 from via_controllers.supervision.arm_supervision import GAP, Change
 from via_controllers.supervision.lateness import LATEST, Lateness
 
@@ -148,8 +147,7 @@ class ControllerNode(LifecycleNode):
         self._state = self._supervisor.init()
         _warm_up(self._robot)
         self._writer = AnswerWriter(self._robot, self.get_name())
-        self._decoder, self._reader = JointStateDecoder(), SampleReader(self._robot)
-        self._answered = self._unusable = self._reported = self._silences = self._broken = self._stopped = 0
+        self._answered = self._unusable = self._reported = self._silences = self._stopped = 0
         self._faults: dict[str, bool] = {}  # since the last report
         self._gate = Gate(self.get_logger())
         self._status = StatusReport(self, self._robot.name)
@@ -171,8 +169,9 @@ class ControllerNode(LifecycleNode):
         subscription = self._creator(self.create_subscription, self.destroy_subscription)
         for kind, topic, callback, profile in inputs:
             subscription(kind, topic, self._gate.message(callback), profile)
-        self._samples = RenewedSubscription(self, JointState, JOINT_STATES, self._answer, qos.LOOP)
-        self._entities.append((RenewedSubscription.destroy, self._samples))
+        joints, entries, self._required = self._robot.reading
+        self._samples = SampleStream(self, JOINT_STATES, JointReader([(joints, entries)]), self._answer, qos.LOOP)
+        self._entities.append((SampleStream.destroy, self._samples))
         if missing := self._supervisor.limits.unstated:
             self.get_logger().warning(f"{self._robot.name}: its file states no {missing}: not limited")
 
@@ -197,24 +196,17 @@ class ControllerNode(LifecycleNode):
 
     def time_of(self, stamp: Any) -> float:
         """[s] of a message's stamp in the time of samples; NaN before the first sample."""
-        return self._reader.time_of(stamp)
+        return self._samples.time_of(stamp)
 
     def update(self, change: Change) -> None:
         """Apply `change` to the controller's state if the controller is active."""
         self._state = self._supervisor.updated(self._state, change)
 
-    def _answer(self, data: bytes) -> None:
-        if not self._entities:  # the sample was received before its subscription was destroyed
+    def _answer(self, joints: Joints, rows: list[int]) -> None:
+        if not (rows and self._entities):  # without: the sample was received before its subscription was destroyed
             return
-        joints = self._decoder.decode(data)
-        if joints is None:
-            self._broken += 1
-            return
-        found = self._reader.read(joints)
-        if found is None:
-            return
-        stamp, sample = found
-        now = time.monotonic()
+        stamp, now = joints.stamp, time.monotonic()
+        sample = self._robot.sample(self._samples.reader.rows[0][0])
         if self._last is None or stamp > self._last:
             self._progress, self._silent = now, False
         self._last = stamp
@@ -259,17 +251,13 @@ class ControllerNode(LifecycleNode):
     def _report(self) -> None:
         if not self._entities:  # the timer was due already when its publisher was destroyed
             return
-        malformed, silent = self._broken + self._reader.malformed, self._answered == self._reported
-        absent, missing = self._reader.absent(), self._reader.missing()
+        malformed, silent = self._samples.malformed(), self._answered == self._reported
         rivals, peers = rivalry(self, JOINT_STATES, self._robot.command_name)
         state, now = "active" if self._active else "holding still", time.monotonic()
         rate = (self._answered - self._reported) / max(now - self._last_report, LOOK)
         self._reported, self._last_report = self._answered, now
         conditions = {
-            "no samples": silent,
-            LOSSY: self._samples.is_lossy,
-            absent: silent and bool(absent),
-            f"no value of {missing}": bool(missing),
+            **self._samples.conditions(silent, required=self._required),
             SLOW: self._gaps > 0,
             STOPPED: self._stopped > 0,
             LATE: self._late > 0,
@@ -315,6 +303,6 @@ def _warm_up(robot: Controlled) -> None:
     for active in (False, True):
         state = supervisor.init()
         for step in range(WARM_UP):
-            state, answer = supervisor.step(state, robot.zero_sample(1e-3 * step), active)
+            state, answer = supervisor.step(state, zero_sample(robot, 1e-3 * step), active)
             if len(answer.torque) != n:
                 raise ParameterError(f"the controller returns {len(answer.torque)} torques for {n} motors")

@@ -227,9 +227,9 @@ class Bag:
         """
         return self._ordered(topics, by_stamp=True)
 
-    def in_file_order(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
-        """The messages of `topics` (default: all) in file order."""
-        return self._ordered(topics, by_stamp=False)
+    def in_file_order(self) -> Iterator[RawMessage]:
+        """All messages in file order."""
+        return self._ordered(None, by_stamp=False)
 
     def _ordered(self, topics: Iterable[str] | None, *, by_stamp: bool) -> Iterator[RawMessage]:
         chosen = [self.topic(name) for name in (self.topics if topics is None else topics)]

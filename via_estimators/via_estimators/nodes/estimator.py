@@ -26,17 +26,16 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_interfaces.msg import VsaCommand
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
-from via_ros.conversions import RowReader
-from via_ros.gate import RenewedSubscription
+from via_ros.conversions import Joints, RowReader
+from via_ros.gate import SampleStream
 from via_ros.parameters import declare
 from via_ros.reports import report
-from via_ros.serialised import JOINT_STATES, JointStateDecoder
+from via_ros.serialised import JOINT_STATES
 from via_ros.spin import STEADY, run
 
 from via_estimators.contract import Estimator, Parameters
@@ -109,7 +108,6 @@ class EstimatorNode(Node):
         self._reader = RowReader(
             [(pair.device, estimator.inputs) for pair, estimator in zip(pairs, estimators, strict=True)]
         )
-        self._decoder = JointStateDecoder()
         rows: dict[str, list[int]] = {}
         for row, pair in enumerate(pairs):
             rows.setdefault(pair.device.name, []).append(row)
@@ -119,7 +117,7 @@ class EstimatorNode(Node):
         self._pipeline_of = [
             next(each for each in self.pipelines if channel in each.channels) for channel in self._channels
         ]
-        self._broken = self._turn = 0
+        self._turn = 0
         self._share, self._used, self._since = 0.0, time.process_time(), time.monotonic()
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self.create_service(ResetEstimator, "~/reset", partial(_reset, self.pipelines))
@@ -128,7 +126,7 @@ class EstimatorNode(Node):
             if pipeline.commanded:
                 self.create_subscription(VsaCommand, pipeline.device.command_name, pipeline.hold, qos.SAMPLES)
         depth = qos.samples_of(len(self.pipelines))
-        self._samples = RenewedSubscription(self, JointState, own.joint_topic, self._take, depth)
+        self._samples = SampleStream(self, own.joint_topic, self._reader, self._take, depth)
         # One device at a time, so that diagnostics do not delay samples.
         self.create_timer(REPORT / len(self.pipelines), self._report, clock=STEADY)
         chosen = ", ".join(f"{pair.device.name} by {pair.method}" for pair in pairs)
@@ -146,12 +144,7 @@ class EstimatorNode(Node):
         prefix = f"{pair.device.name}.{pair.method}" if several else ""
         return estimator.with_parameters(type(suited)(**vars(declare(self, kind, prefix))))
 
-    def _take(self, data: bytes) -> None:
-        joints = self._decoder.decode(data)
-        if joints is None:
-            self._broken += 1
-            return
-        rows = self._reader.read(joints)
+    def _take(self, joints: Joints, rows: list[int]) -> None:
         for row in rows:
             if not self._channels[row].sequence:
                 each = self._channels[row]
@@ -168,7 +161,7 @@ class EstimatorNode(Node):
             self._used, self._since = used, now
         pipeline = self.pipelines[self._turn]
         self._turn = (self._turn + 1) % len(self.pipelines)
-        report(self, self._reports, pipeline.report(self._broken, self._samples.is_lossy, self._share))
+        report(self, self._reports, pipeline.report(self._samples, self._share))
 
 
 def _names(own: NodeParameters) -> tuple[str, ...]:

@@ -20,7 +20,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from via_core.parameters import parameter
 from via_core.status import Status
 from via_core.vsa_arms import load_vsa_arm
@@ -28,11 +27,11 @@ from via_core.wire import link_name, motor_name
 from via_interfaces.msg import PayloadEstimate
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
-from via_ros.conversions import JointReader, set_stamp
-from via_ros.gate import LOSSY, RenewedSubscription
+from via_ros.conversions import JointReader, Joints, set_stamp
+from via_ros.gate import SampleStream
 from via_ros.parameters import declare
 from via_ros.reports import StatusReport, report
-from via_ros.serialised import JOINT_STATES, JointStateDecoder
+from via_ros.serialised import JOINT_STATES
 from via_ros.spin import STEADY, run
 
 from via_estimators.contract import Live
@@ -60,27 +59,22 @@ class PayloadNode(Node):
         arm = load_vsa_arm(declare(self, PayloadNodeParameters).arm)
         self._live = Live(Payload(arm, declare(self, PayloadParameters)))
         self._live.estimator.load()
-        self._decoder = JointStateDecoder()
         self._reader = JointReader([_wanted(arm.joints)])
-        self._broken = self._reported = 0
+        self._reported = 0
         self._status = StatusReport(self, arm.name)
         self._message = PayloadEstimate(method="payload")
         self._message.header.frame_id = arm.name
         self._estimates = self.create_publisher(PayloadEstimate, f"{arm.name}/payload", qos.SAMPLES)
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self.create_service(ResetEstimator, "~/reset", self._reset)
-        self._samples = RenewedSubscription(self, JointState, JOINT_STATES, self._take, qos.SAMPLES)
+        self._samples = SampleStream(self, JOINT_STATES, self._reader, self._take, qos.SAMPLES)
         self.create_timer(REPORT, self._report, clock=STEADY)
 
-    def _take(self, data: bytes) -> None:
-        joints = self._decoder.decode(data)
-        if joints is None:
-            self._broken += 1
-            return
-        if not self._reader.read(joints):
+    def _take(self, joints: Joints, rows: list[int]) -> None:
+        if not rows:
             return
         message = self._message
-        message.status = int(self._live.take(self._reader.rows[0][None]))
+        message.status = int(self._live.take(self._reader.rows[0]))
         message.value, message.standard_deviation = self._live.numbers.tolist()
         set_stamp(message.header.stamp, joints.stamp)
         self._estimates.publish(message)
@@ -96,13 +90,9 @@ class PayloadNode(Node):
     def _report(self) -> None:
         health, count = self._live.health(), self._message.sequence - self._reported
         self._reported = self._message.sequence
-        missing = self._reader.missing(0)
-        malformed = self._broken + self._reader.malformed[0]
+        malformed = self._samples.malformed()
         conditions = {
-            "no samples": count == 0,
-            LOSSY: self._samples.is_lossy,
-            self._reader.absent(): self._reader.foreign > 0 and count == 0,
-            f"no value of {missing}": bool(missing) and self._message.status == Status.BAD_SAMPLE,
+            **self._samples.conditions(count == 0, unusable=self._message.status == Status.BAD_SAMPLE),
             "impossible payload: check signs and units of efforts, and the arm file":
                 health.status is Status.IMPLAUSIBLE,
         }  # fmt: skip

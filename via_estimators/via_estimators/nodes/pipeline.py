@@ -9,7 +9,7 @@ from via_core.status import Status
 from via_interfaces.msg import VsaCommand
 from via_ros import qos
 from via_ros.conversions import RowReader, command_of, nanoseconds
-from via_ros.gate import LOSSY
+from via_ros.gate import SampleStream
 
 from via_estimators.nodes.channel import EstimatorChannel
 
@@ -60,26 +60,15 @@ class DevicePipeline:
         self._newest = NEVER
         return samples
 
-    def report(self, broken: int, lossy: bool, share: float) -> list[DiagnosticStatus]:
-        """One status per channel.
-
-        broken  number of messages that could not be decoded
-        lossy   whether samples are published best effort
-        share   of one core used by the process
-        """
-        malformed = broken + max(self._reader.malformed[row] for row in self._rows)
+    def report(self, samples: SampleStream, share: float) -> list[DiagnosticStatus]:
+        """One status per channel; `share` of one core is used by the process."""
+        malformed = max(map(samples.malformed, self._rows))
         found = []
         for channel, row in zip(self.channels, self._rows, strict=True):
             health = channel.live.health()
             count, cost = channel.cost()
-            fault, missing = channel.fault(), self._reader.missing(row)
-            conditions = {
-                fault: bool(fault),
-                "no samples": count == 0,
-                LOSSY: lossy,
-                self._reader.absent(): self._reader.foreign > 0 and count == 0,
-                f"no value of {missing}": bool(missing) and channel.status == Status.BAD_SAMPLE,
-            }
+            fault, unusable = channel.fault(), channel.status == Status.BAD_SAMPLE
+            conditions = {fault: bool(fault), **samples.conditions(count == 0, row, unusable=unusable)}
             events = {
                 "bad samples": health.bad, "gaps": health.gaps, "late commands": self._late,
                 "refused commands": self._refused, "malformed messages": malformed,

@@ -27,15 +27,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from via_core.errors import ViaError
 from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import GapStatus, VsaCommand
 from via_ros import qos
-from via_ros.conversions import RowReader
-from via_ros.gate import LOSSY, RenewedSubscription
+from via_ros.conversions import Joints, RowReader
+from via_ros.gate import LOSSY, RenewedSubscription, SampleStream
 from via_ros.parameters import declare
-from via_ros.serialised import JointStateDecoder, decoded_command
+from via_ros.serialised import decoded_command
 from via_ros.spin import STEADY, run
 
 from via_gap.nodes.messages import diagnostics_of, failure, fill_status, result_of
@@ -51,8 +50,7 @@ class MonitorNode(Node):
         own = declare(self, MonitorParameters, changed=lambda parameters: self.monitor.changed(parameters))
         device = own.described()
         self.monitor = Monitor(device, own, self.resolve_topic_name(own.joint_topic))
-        self._reader = RowReader([(device, self.monitor.columns)])
-        self._decoder = JointStateDecoder()
+        reader = RowReader([(device, self.monitor.columns)])
         self._goal: ServerGoalHandle | None = None
         self._refusal = ""
         self._broken = self._ticks = 0
@@ -61,7 +59,7 @@ class MonitorNode(Node):
         self._message.header.frame_id = device.name
         self._gap = self.create_publisher(GapStatus, f"{device.name}/gap", qos.CONTROL)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
-        self._samples = RenewedSubscription(self, JointState, own.joint_topic, self._on_sample, qos.SAMPLES)
+        self._samples = SampleStream(self, own.joint_topic, reader, self._on_sample, qos.SAMPLES)
         self._commands = RenewedSubscription(self, VsaCommand, device.command_name, self._on_command, qos.SAMPLES)
         self._server = ActionServer(
             self, DiagnoseGap, "~/diagnose", partial(_conclude, failure("no outcome")),
@@ -75,12 +73,9 @@ class MonitorNode(Node):
         self.monitor.worker.close()
         self._server.destroy()
 
-    def _on_sample(self, data: bytes) -> None:
-        joints = self._decoder.decode(data)
-        if joints is None:
-            self._broken += 1
-        elif self._reader.read(joints):
-            self.monitor.sample(joints.stamp, self._reader.rows[0][0, 1:], time.monotonic())
+    def _on_sample(self, joints: Joints, rows: list[int]) -> None:
+        if rows:
+            self.monitor.sample(joints.stamp, self._samples.reader.rows[0][0, 1:], time.monotonic())
         else:
             self.monitor.foreign += 1
 
@@ -131,7 +126,7 @@ class MonitorNode(Node):
         self._ticks += 1
         self._gap.publish(self._message)
         counters: dict[str, str | float] = {
-            "refused goal": self._refusal, "malformed messages": self._broken + self._reader.malformed[0],
+            "refused goal": self._refusal, "malformed messages": self._broken + self._samples.malformed(),
             "last tick [ms]": 1e3 * self._cost,
         }  # fmt: skip
         array = DiagnosticArray(status=[diagnostics_of(self, self._message, self.monitor, counters, lossy)])

@@ -9,7 +9,6 @@ Prints a table and writes out/bench/bags.json. Times [s] are the minimum of seve
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from collections.abc import Callable
@@ -19,13 +18,14 @@ from typing import Any
 import numpy as np
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from rich.console import Console
-from rich.table import Table
 from rosbags.rosbag2 import Reader
+from via_bringup.cli.console import answers, print_table
 from via_core.bags.definitions import typestore_of
 from via_core.bags.layout import filled
 from via_core.bags.reader import read_bag
 from via_core.bags.writer import BagWriter
+
+from via_validation.bench.timing import keep
 
 SAMPLES = 20_000
 PERIOD = 3_000_000  # [ns]
@@ -151,13 +151,14 @@ def main() -> None:
         "by_column": mine, "mcap_ros2_support": theirs, "rosbags": rosbags,
         "times_faster_than_mcap_ros2_support": theirs / mine, "times_faster_than_rosbags": rosbags / mine,
     }  # fmt: skip
-    table = Table("reader", "time [s]", "messages/s", "by column is faster by", title=f"{count} messages, {size} bytes")
-    for name, seconds in (("by column", mine), ("mcap-ros2-support", theirs), ("rosbags", rosbags)):
-        table.add_row(name, f"{seconds:.4f}", f"{count / seconds:,.0f}", f"{seconds / mine:.1f}")
-    console = Console()
-    console.print(table)
-    console.print(f"members that differ: {wrong}; first read with compilation or its cache: {first:.2f} s; "
-                  f"writing: {count / writing:,.0f} messages/s")  # fmt: skip
-    target = Path("out/bench/bags.json")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps(summary, indent=1))
+    cells = (
+        (name, f"{seconds:.4f}", f"{count / seconds:,.0f}", f"{seconds / mine:.1f}")
+        for name, seconds in (("by column", mine), ("mcap-ros2-support", theirs), ("rosbags", rosbags))
+    )
+    header = ("reader", "time [s]", "messages/s", "by column is faster by")
+    print_table(f"{count} messages, {size} bytes", header, cells)
+    answers.print(
+        f"members that differ: {wrong}; first read with compilation or its cache: {first:.2f} s; "
+        f"writing: {count / writing:,.0f} messages/s"
+    )
+    keep("bags", summary)

@@ -10,17 +10,12 @@ over the turns, in which the contenders alternate; beside C the median of ratios
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 from time import thread_time
+from typing import Any
 
-import mujoco
 import numpy as np
-from mujoco import rollout
-from rich.console import Console
-from rich.table import Table
+from via_bringup.cli.console import answers, print_table
 from via_core.signals import Array, Signals
 from via_sim.effects import Effect
 from via_sim.joint.layout import N_COMMANDS
@@ -29,8 +24,8 @@ from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows, initial_state, simulate
 
 from via_validation.bench import joint_reference
-from via_validation.bench.simulator import DEVICE, RATE, THREE, B, Dq, Dth, M, torques
-from via_validation.bench.timing import Contender
+from via_validation.bench.simulator import DEVICE, RATE, THREE, Dth, M, mujoco_joint, rolled, torques
+from via_validation.bench.timing import Contender, keep
 
 SETS, LOOPED, ROLLED, TURNS = 1000, 20, 40, 5
 TICKS = (100, 1000, 3000)  # of a segment and of whole logs
@@ -52,35 +47,19 @@ def sets(dry: float) -> list[tuple[Effect, ...]]:
     return found
 
 
-def rolled(each: list[tuple[Effect, ...]], motor: Array, integrator: str, finer: int) -> Callable[[], Array]:
+def in_mujoco(each: list[tuple[Effect, ...]], motor: Array, integrator: str, finer: int) -> Callable[[], Array]:
     """MuJoCo's rollout of the sets, one model each -> angles (K, N, 3)."""
-    joints = '<joint joint="q" coef="1"/><joint joint="{0}" coef="-1"/>'
-    spring = '<fixed springlength="0" stiffness="5 0 10">' + joints + "</fixed>"
-    models = []
-    for inertia, gain, viscous in each:
-        body = (
-            '<body><joint name="{0}" axis="0 0 1" damping="{2!r}"/>'
-            '<inertial pos="0 0 0" mass="1" diaginertia="{1!r} {1!r} {1!r}"/></body>'
+    models = [
+        mujoco_joint(
+            integrator,
+            finer,
+            M + inertia.parameters["inertia"],
+            gain.parameters["gain"],
+            Dth + viscous.parameters["coefficient"],
         )
-        link = body.format("q", M + inertia.parameters["inertia"], Dq)
-        second = body.format("b", B, Dth + viscous.parameters["coefficient"])
-        models.append(
-            mujoco.MjModel.from_xml_string(
-                f'<mujoco><option timestep="{1.0 / RATE / finer!r}" gravity="0 0 0" integrator="{integrator}">'
-                f'<flag contact="disable" constraint="disable"/></option><worldbody>{link}{body.format("a", B, Dth)}'
-                f"{second}</worldbody><tendon>{spring.format('a')}{spring.format('b')}</tendon>"
-                f'<actuator><motor joint="a" gear="{gain.parameters["gain"]!r}"/><motor joint="b"/></actuator></mujoco>'
-            )
-        )
-    data = mujoco.MjData(models[0])
-    start = np.zeros((len(models), mujoco.mj_stateSize(models[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)))
-    control = np.repeat(np.repeat(motor, finer, axis=0)[None], len(models), axis=0)
-
-    def work() -> Array:
-        state, _ = rollout.rollout(models, data, start, control)
-        return np.asarray(state[:, finer - 1 :: finer, 1:4])
-
-    return work
+        for inertia, gain, viscous in each
+    ]
+    return rolled(models, motor, finer)
 
 
 def least(work: dict[str, tuple[int, Callable[[], object]]]) -> dict[str, float]:
@@ -95,7 +74,7 @@ def least(work: dict[str, tuple[int, Callable[[], object]]]) -> dict[str, float]
     return best
 
 
-def compared(ticks: int, dry: float) -> dict[str, object]:
+def compared(ticks: int, dry: float) -> dict[str, Any]:
     """Times [s] per set of all contenders for `ticks` ticks, and their ratios."""
     plant, each, motor = JointPlant.from_device(DEVICE), sets(dry), torques(ticks)
     time = np.arange(ticks) / RATE
@@ -117,14 +96,14 @@ def compared(ticks: int, dry: float) -> dict[str, object]:
     batch()
     worst = max(float(np.max(np.abs(out[k, :, 0] - q))) for k, q in enumerate(loop()))
     if dry == 0.0:
-        work["MuJoCo Euler, 1 ms"] = (ROLLED, rolled(each[:ROLLED], motor, "Euler", 1))
+        work["MuJoCo Euler, 1 ms"] = (ROLLED, in_mujoco(each[:ROLLED], motor, "Euler", 1))
         for integrator, finer in (("implicitfast", 16), ("RK4", 1), ("RK4", 2), ("RK4", 4)):
-            run = rolled(each[:ROLLED], motor, integrator, finer)
+            run = in_mujoco(each[:ROLLED], motor, integrator, finer)
             if float(np.max(np.abs(run() - out[:ROLLED, 1:, :3]))) < TARGET:
                 work[f"MuJoCo {integrator}, {1.0 / finer:g} ms"] = (ROLLED, run)
     times = least(work)
     peers = [name for name in times if name.startswith("MuJoCo") and "Euler" not in name]
-    row: dict[str, object] = {"ticks": ticks, "dry": dry, "seconds": times, "worst": worst}
+    row: dict[str, Any] = {"ticks": ticks, "dry": dry, "seconds": times, "worst": worst}
     row["over_loop"] = times["loop"] / times["batch"]
     if peers:
         fastest = min(peers, key=lambda name: times[name])
@@ -133,7 +112,7 @@ def compared(ticks: int, dry: float) -> dict[str, object]:
     return row
 
 
-def speed_beside_c(console: Console, ticks: int) -> dict[str, float]:
+def speed_beside_c(ticks: int) -> dict[str, float]:
     """Speed of the batch relative to lanes in C with the same substeps; without a compiler nothing."""
     library, plant, motor = joint_reference.build(), JointPlant.from_device(DEVICE), torques(ticks)
     if library is None:
@@ -149,7 +128,6 @@ def speed_beside_c(console: Console, ticks: int) -> dict[str, float]:
 
     rows = np.stack([plant.with_effects(effects).at_rate(RATE) for effects in each])
     return joint_reference.beside_c(
-        console,
         f"{SETS} lanes beside lanes in plain C without effects, same substeps, one thread",
         Contender(SETS * ticks, joint_reference.reference_runs(library, rows, motor)),
         {"without effects": lanes(()), "dry friction": lanes(THREE[:1]), "three effects": lanes(THREE)},
@@ -157,36 +135,19 @@ def speed_beside_c(console: Console, ticks: int) -> dict[str, float]:
 
 
 def main() -> None:
-    console, work = Console(), [partial(compared, ticks, dry) for dry in (0.0, 0.05) for ticks in TICKS]
-    rows = [each() for each in work]
-    table = Table(title=f"{SETS} parameter sets of one joint, one thread, per set")
-    for heading in (
-        "ticks",
-        "dry friction",
-        "batch [us]",
-        "ns per tick",
-        "x loop",
-        "x MuJoCo",
-        "x Euler 1 ms",
-        "differs",
-    ):
-        table.add_column(heading, justify="right")
-    for row in rows:
-        batch = row["seconds"]["batch"]  # type: ignore[index]
-        cells = [f"{row['ticks']}", "yes" if row["dry"] else "no", f"{batch * 1e6:.1f}"]
-        cells += [f"{batch / row['ticks'] * 1e9:.0f}", f"{row['over_loop']:.1f}"]  # type: ignore[operator]
-        cells += [f"{row[name]:.1f}" if name in row else "-" for name in ("over_peer", "over_euler")]
-        table.add_row(*cells, f"{row['worst']:.0e}")
-    console.print(table)
-    console.print(
-        f"MuJoCo at {TARGET:g} rad: " + ", ".join(sorted({str(row["peer"]) for row in rows if "peer" in row}))
+    rows = [compared(ticks, dry) for dry in (0.0, 0.05) for ticks in TICKS]
+    columns = (
+        *("ticks", "dry friction", "batch [us]", "ns per tick"),
+        *("x loop", "x MuJoCo", "x Euler 1 ms", "differs"),
     )
-    speeds = speed_beside_c(console, 1000)
-    target = Path("out/bench/batch.json")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps({"rows": rows, "speed_over_c": speeds}, indent=1))
-    console.print(f"written: {target}")
+    print_table(f"{SETS} parameter sets of one joint, one thread, per set", columns, map(_cells, rows), names=0)
+    peers = sorted({row["peer"] for row in rows if "peer" in row})
+    answers.print(f"MuJoCo at {TARGET:g} rad: {', '.join(peers)}")
+    keep("batch", {"rows": rows, "speed_over_c": speed_beside_c(1000)})
 
 
-if __name__ == "__main__":
-    main()
+def _cells(row: dict[str, Any]) -> list[str]:
+    seconds, ticks = row["seconds"]["batch"], row["ticks"]
+    speeds = (f"{row[name]:.1f}" if name in row else "-" for name in ("over_loop", "over_peer", "over_euler"))
+    dry = "yes" if row["dry"] else "no"
+    return [str(ticks), dry, f"{1e6 * seconds:.1f}", f"{1e9 * seconds / ticks:.0f}", *speeds, f"{row['worst']:.0e}"]

@@ -20,17 +20,13 @@ Processor times include all threads of the process and depend little on other pr
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
-from pathlib import Path
 from statistics import median
 from time import perf_counter, process_time
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from via_bringup.cli.console import answers, print_table
 from via_core.signals import Array
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
@@ -44,6 +40,7 @@ from via_validation.bench.gap_contenders import (
     log_of,
     totals,
 )
+from via_validation.bench.timing import keep
 
 SHORT, LONG = 40.0, 400.0  # [s]
 FIRST = 6.0  # [s] of the log for a first run that is not timed, in which code is compiled and loaded
@@ -105,44 +102,37 @@ def diagnosed(log: JointLog) -> Cost:
 
 
 def main(turns: int = TURNS) -> None:
-    console = Console()
     long = log_of(LONG)
     short = beginning(long, SHORT)
-    results = fitted(short, turns)
-    true = ", ".join(f"{value:g}" for value in totals(TRUE))
-    table = Table(title=escape(f"{', '.join(NAMES)} from {SHORT:g} s at {RATE:g} Hz; true: {true}"))
-    for heading in ("fit by", "wall [s]", "processor [s]", "x via_gap", "found", "error [%]"):
-        table.add_column(heading, justify="left" if heading == "fit by" else "right")
-    for name, each in results.items():
-        table.add_row(
-            name, f"{each.wall:.3f}", f"{each.processor:.3f}", f"{each.ratio:.1f}",
+    results, true = fitted(short, turns), totals(TRUE)
+    cells = (
+        (
+            *(name, f"{each.wall:.3f}", f"{each.processor:.3f}", f"{each.ratio:.1f}"),
             ", ".join(f"{v:.5f}" for v in each.found),
-            ", ".join(f"{100.0 * e:.2f}" for e in np.abs(each.found / totals(TRUE) - 1.0)),
-        )  # fmt: skip
-    console.print(table)
+            ", ".join(f"{100.0 * e:.2f}" for e in np.abs(each.found / true - 1.0)),
+        )
+        for name, each in results.items()
+    )
+    print_table(
+        f"{', '.join(NAMES)} from {SHORT:g} s at {RATE:g} Hz; true: {', '.join(f'{value:g}' for value in true)}",
+        ("fit by", "wall [s]", "processor [s]", "x via_gap", "found", "error [%]"), cells,
+    )  # fmt: skip
     if "mujoco.sysid" not in results:
-        console.print("mujoco.sysid cannot be loaded: one of its dependencies is not installed")
-    console.print(f"{os.cpu_count()} cores; diagnosis with the whole catalogue:")
+        answers.print("mujoco.sysid cannot be loaded: one of its dependencies is not installed")
+    answers.print(f"{os.cpu_count()} cores; diagnosis with the whole catalogue:")
     diagnosed(beginning(short, FIRST))
     costs = {log.name: diagnosed(log) for log in (short, long)}
     for name, cost in costs.items():
-        console.print(f"  log of {name}: {cost.wall:.1f} s, processor {cost.processor:.1f} s, verdict {cost.verdict}")
+        answers.print(f"  log of {name}: {cost.wall:.1f} s, processor {cost.processor:.1f} s, verdict {cost.verdict}")
     first, second = costs[short.name], costs[long.name]
     walls, processors = second.wall / first.wall, second.processor / first.processor
-    console.print(
+    answers.print(
         f"  {LONG / SHORT:g} times the log takes {walls:.1f} times the wall and {processors:.1f} times the CPU time"
     )
-    target = Path("out/bench/gap.json")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    rows = {
-        n: {"found": list(r.found), "wall": r.wall, "processor": r.processor, "ratio": r.ratio}
-        for n, r in results.items()
-    }
     content = {
         "cores": os.cpu_count(),
-        "true": list(totals(TRUE)),
-        "fit": rows,
+        "true": list(true),
+        "fit": {name: vars(each) | {"found": list(each.found)} for name, each in results.items()},
         "diagnosis": {name: vars(cost) for name, cost in costs.items()},
     }
-    target.write_text(json.dumps(content, indent=1), encoding="utf-8")
-    console.print(f"written: {target}")
+    keep("gap", content)

@@ -13,8 +13,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
+from via_bringup.cli.console import print_table
 from via_core.signals import Array
 from via_sim.joint.parameters import LINK, MOTOR_1, P
 from via_sim.joint.step import N_WEIGHTS, PER_AXIS, weigh
@@ -98,14 +97,10 @@ def _weights(row: Array) -> Array:
     return weights[: 3 * PER_AXIS]
 
 
-def beside_c(console: Console, title: str, reference: Contender, contenders: dict[str, Contender]) -> dict[str, float]:
+def beside_c(title: str, reference: Contender, contenders: dict[str, Contender]) -> dict[str, float]:
     """Print and return the speed of contenders relative to the reference: its processor time over theirs."""
     times = take_turns({"C": reference, **contenders}, TURNS)
-    table = Table(title=title)
-    for heading in ("", "ns per tick", "speed / C"):
-        table.add_column(heading, justify="right" if heading else "left")
     speeds = {name: times["C"].over(each) for name, each in times.items()}
-    for name, each in times.items():
-        table.add_row(name, f"{each.nanoseconds:.1f}", f"{speeds[name]:.2f}")
-    console.print(table)
+    cells = ((name, f"{each.nanoseconds:.1f}", f"{speeds[name]:.2f}") for name, each in times.items())
+    print_table(title, ("", "ns per tick", "speed / C"), cells)
     return speeds

@@ -29,7 +29,7 @@ from via_validation.control.limit_cycle import limit_cycle_controller
 from via_validation.provenance import provenance
 from via_validation.tables.page import number, verdict
 from via_validation.tables.rows import Row
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 PERIOD = 1e-3  # [s]
 DURATION = 0.8  # [s] of a run
@@ -125,7 +125,7 @@ def write_markdown(rows: list[Row], command: str, path: Path) -> None:
         "groups": settings,
         "source": provenance(command),
     }
-    path.write_text(rendered("bench/limits.md", values, {"number": number, "verdict": verdict}), encoding="utf-8")
+    write_page(path, "bench/limits.md", values, {"number": number, "verdict": verdict})
 
 
 def disturbed_run(

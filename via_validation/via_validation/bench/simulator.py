@@ -12,21 +12,18 @@ Prints a table and writes out/bench/simulator.json. Times [s] are the minimum of
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco import rollout
 from numba import njit
-from rich.console import Console
-from rich.table import Table
 from scipy.integrate import solve_ivp
+from via_bringup.cli.console import answers, print_table
 from via_core.devices import load_device, parse_device
 from via_core.signals import Array, Signals
 from via_sim.effects import Effect
@@ -38,7 +35,7 @@ from via_sim.sensors import IDEAL
 from via_sim.simulate import initial_state, simulate
 
 from via_validation.bench import joint_reference
-from via_validation.bench.timing import Contender
+from via_validation.bench.timing import Contender, keep
 
 RATE = 1000.0  # [Hz]
 TICKS = 3000
@@ -122,35 +119,52 @@ def prepared(plant: JointPlant, motor: Array, finer: float = 1.0) -> Callable[[]
     return work
 
 
+def mujoco_joint(integrator: str, finer: int, link: float = M, gain: float = 1.0, second: float = Dth) -> Any:
+    """The joint in MuJoCo at steps of 1 ms / `finer`.
+
+    link, gain, second  inertia of the link, torque gain of motor 1 and viscous friction of motor 2
+    """
+
+    def body(name: str, inertia: float, friction: float) -> str:
+        return (
+            f'<body><joint name="{name}" axis="0 0 1" damping="{friction!r}"/>'
+            f'<inertial pos="0 0 0" mass="1" diaginertia="{inertia!r} {inertia!r} {inertia!r}"/></body>'
+        )
+
+    springs = (
+        f'<fixed springlength="0" stiffness="5 0 10"><joint joint="q" coef="1"/><joint joint="{motor}" coef="-1"/>'
+        "</fixed>"
+        for motor in "ab"
+    )
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{1.0 / RATE / finer!r}" gravity="0 0 0" integrator="{integrator}">'
+        '<flag contact="disable" constraint="disable"/></option>'
+        f"<worldbody>{body('q', link, Dq)}{body('a', B, Dth)}{body('b', B, second)}</worldbody>"
+        f"<tendon>{''.join(springs)}</tendon>"
+        f'<actuator><motor joint="a" gear="{gain!r}"/><motor joint="b"/></actuator></mujoco>'
+    )
+
+
+def rolled(models: Sequence[Any], motor: Array, finer: int) -> Callable[[], Array]:
+    """MuJoCo's rollout of K joints in one call, each at steps of 1 ms / `finer` -> angles (K, N, 3)."""
+    data = mujoco.MjData(models[0])
+    start = np.zeros((len(models), mujoco.mj_stateSize(models[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    control = np.repeat(np.repeat(motor, finer, axis=0)[None], len(models), axis=0)
+
+    def work() -> Array:
+        state, _ = rollout.rollout(models, data, start, control)
+        return np.asarray(state[:, finer - 1 :: finer, 1:4])
+
+    return work
+
+
 def mujoco_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
-    """Contenders: every integrator of MuJoCo at 1, 1/2, ... 1/16 ms."""
-    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="{1} {1} {1}"/>'
-    body = '<body><joint name="{0}" axis="0 0 1" damping="{2}"/>' + inertial + "</body>"
-    joints = '<joint joint="q" coef="1"/><joint joint="{0}" coef="-1"/>'
-    spring = '<fixed springlength="0" stiffness="5 0 10">' + joints + "</fixed>"
-    contenders: list[tuple[str, Callable[[], Array]]] = []
-    for integrator in ("Euler", "implicitfast", "RK4"):
-        for finer in (1, 2, 4, 8, 16):
-            model = mujoco.MjModel.from_xml_string(
-                f'<mujoco><option timestep="{1.0 / RATE / finer!r}" gravity="0 0 0" '
-                f'integrator="{integrator}"><flag contact="disable" constraint="disable"/></option>'
-                f"<worldbody>{body.format('q', M, Dq)}{body.format('a', B, Dth)}{body.format('b', B, Dth)}</worldbody>"
-                f"<tendon>{spring.format('a')}{spring.format('b')}</tendon>"
-                '<actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>'
-            )
-            data = mujoco.MjData(model)
-            start = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
-            control = np.repeat(motor, finer, axis=0)[None]
-
-            work = partial(mujoco_rollout, model, data, start, control, finer)
-            contenders.append((f"MuJoCo {integrator}, {1e3 / RATE / finer:g} ms", work))
-    return contenders
-
-
-def mujoco_rollout(model: Any, data: Any, start: Array, control: Array, finer: int) -> Array:
-    """Angles (N, 3) of every `finer`-th step."""
-    state, _ = rollout.rollout(model, data, start, control)
-    return np.asarray(state[0, finer - 1 :: finer, 1:4])
+    """Contenders: every integrator of MuJoCo at 1, 1/2, ... 1/16 ms; angles (1, N, 3)."""
+    return [
+        (f"MuJoCo {integrator}, {1e3 / RATE / finer:g} ms", rolled([mujoco_joint(integrator, finer)], motor, finer))
+        for integrator in ("Euler", "implicitfast", "RK4")
+        for finer in (1, 2, 4, 8, 16)
+    ]
 
 
 @njit(cache=False)
@@ -223,7 +237,7 @@ def stiff() -> dict[str, float]:
     return {"error_20x_finer": finer, "error_dop853_2s": worst, "seconds_per_10s": seconds}
 
 
-def speed_beside_c(console: Console, plant: JointPlant, motor: Array) -> dict[str, float]:
+def speed_beside_c(plant: JointPlant, motor: Array) -> dict[str, float]:
     """Speed of the kernel relative to C that simulates the same joint with the same steps; without a compiler nothing.
 
     Raises AssertionError where the angles of both differ.
@@ -241,12 +255,12 @@ def speed_beside_c(console: Console, plant: JointPlant, motor: Array) -> dict[st
         assert np.max(np.abs(run() - ours(each, given))) < SAME, name
         contenders = {"via_sim": Contender(len(given), prepared(each, given))}
         title = f"One joint, {name}, beside plain C: same substeps, one thread"
-        speeds[name] = joint_reference.beside_c(console, title, Contender(len(given), run), contenders)["via_sim"]
+        speeds[name] = joint_reference.beside_c(title, Contender(len(given), run), contenders)["via_sim"]
     return speeds
 
 
 def main() -> None:
-    console, plant, motor = Console(), JointPlant.from_device(DEVICE), torques(TICKS)
+    plant, motor = JointPlant.from_device(DEVICE), torques(TICKS)
     reference = ours(plant, motor, 64.0)
     commands = Signals(np.arange(TICKS) / RATE, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
 
@@ -264,28 +278,25 @@ def main() -> None:
         "MuJoCo": measured(reference, mujoco_runs(motor), 3),
         "scipy": measured(reference, scipy_runs(motor), 1),
     }
-    table = Table(title=f"Antagonistic joint, {TICKS} ticks of 1 ms")
-    for heading in ("setting", "largest error [rad]", "time [ms]", "us per tick"):
-        table.add_column(heading, justify="left" if heading == "setting" else "right")
-    for row in (row for group in rows.values() for row in group):
-        table.add_row(row.name, f"{row.error:.1e}", f"{row.seconds * 1e3:.2f}", f"{row.seconds / TICKS * 1e6:.3g}")
-    console.print(table)
+    every = [row for group in rows.values() for row in group]
+    cells = (
+        (row.name, f"{row.error:.1e}", f"{row.seconds * 1e3:.2f}", f"{row.seconds / TICKS * 1e6:.3g}") for row in every
+    )
+    columns = ("setting", "largest error [rad]", "time [ms]", "us per tick")
+    print_table(f"Antagonistic joint, {TICKS} ticks of 1 ms", columns, cells)
 
-    summary: dict[str, object] = {"ticks": TICKS, "rows": [vars(row) for group in rows.values() for row in group]}
+    summary: dict[str, object] = {"ticks": TICKS, "rows": [vars(row) for row in every]}
     for target in TARGETS:
         own = fastest(rows["via_sim"][:1], target)
         for name in ("MuJoCo", "scipy"):
             other = fastest(rows[name], target)
             if own is None or other is None:
-                console.print(f"error <= {target:g} rad: {name if own else 'via_sim'} does not reach it")
+                answers.print(f"error <= {target:g} rad: {name if own else 'via_sim'} does not reach it")
                 continue
             ratio = other.seconds / own.seconds
-            console.print(f"error <= {target:g} rad: simulate() is {ratio:.1f} times as fast as {other.name}")
+            answers.print(f"error <= {target:g} rad: simulate() is {ratio:.1f} times as fast as {other.name}")
             summary[f"times_{name.lower()}_at_{target:g}"] = ratio
     summary["cubic_joint"] = cubic = stiff()
-    console.print("cubic joint, 10 s: " + ", ".join(f"{key} {value:.2e}" for key, value in cubic.items()))
-    summary["speed_over_c"] = speed_beside_c(console, plant, motor)
-    target_file = Path("out/bench/simulator.json")
-    target_file.parent.mkdir(parents=True, exist_ok=True)
-    target_file.write_text(json.dumps(summary, indent=1))
-    console.print(f"written: {target_file}")
+    answers.print("cubic joint, 10 s: " + ", ".join(f"{key} {value:.2e}" for key, value in cubic.items()))
+    summary["speed_over_c"] = speed_beside_c(plant, motor)
+    keep("simulator", summary)

@@ -29,7 +29,7 @@ from via_validation.provenance import Provenance
 from via_validation.side_by_side import Send
 from via_validation.tables.page import number
 from via_validation.tables.rows import Row
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 CHUNK = 60.0  # [s] processed at once
 HOUR = 3600.0
@@ -189,8 +189,7 @@ def write_markdown(runs: Sequence[Endurance], missing: Sequence[str], source: Pr
         "missing": missing,
         "source": source,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(rendered("bench/soak.md", values), encoding="utf-8")
+    write_page(path, "bench/soak.md", values)
 
 
 def _cells(run: Endurance) -> list[str]:

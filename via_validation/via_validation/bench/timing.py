@@ -6,10 +6,16 @@ here uses one thread.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import median
 from time import thread_time
+
+from via_bringup.cli.console import answers
+
+KEPT = Path("out/bench")
 
 
 @dataclass(frozen=True)
@@ -46,3 +52,11 @@ def take_turns(contenders: Mapping[str, Contender], turns: int) -> dict[str, Tim
             if turn:
                 taken[name].append((thread_time() - begin) / contender.count)
     return {name: Times(tuple(seconds)) for name, seconds in taken.items()}
+
+
+def keep(name: str, content: object) -> None:
+    """Write the results of a benchmark to its JSON file, and print the name of the file."""
+    file = KEPT / f"{name}.json"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    answers.print(f"written: {file}")

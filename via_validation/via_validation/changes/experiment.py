@@ -11,13 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import inf
 
 import numpy as np
 from via_controllers.contract import JointSample
 from via_controllers.joints.motor_position import MotorPositionControl
 from via_controllers.joints.multisine import Multisine
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
@@ -93,15 +91,9 @@ def _with_springs(device: Device, schedule: Schedule, duration: float) -> Record
         return torques[k]
 
     _, truth = changing_springs(plant, factor, control, IDEAL)
-    sensors = Sensors(
-        link_quantum=LEVEL.quantum,
-        motor_quantum=LEVEL.quantum,
-        torque_noise=LEVEL.torque_noise,
-        velocity_noise=LEVEL.velocity_noise,
-    )
 
     def measured(seed: int) -> Signals:
-        rows, _ = changing_springs(plant, factor, lambda k, _: torques[k], sensors, seed)
+        rows, _ = changing_springs(plant, factor, lambda k, _: torques[k], LEVEL.sensors, seed)
         return signals_of(time, rows)
 
     stiffness = true_stiffness(truth)
@@ -110,23 +102,12 @@ def _with_springs(device: Device, schedule: Schedule, duration: float) -> Record
 
 def _controller(device: Device) -> MotorPositionControl:
     """The position control of `via compare`, along its multisines scaled to the stop of the joint's springs."""
-    first, second = device.springs
-    scale = min(first.max_deflection / QBMOVE_STOP, WIDEST)
-    limits = [motor.torque_limit or inf if isinstance(motor, TorqueMotor) else inf for motor in device.motors]
+    scale = min(device.springs[0].max_deflection / QBMOVE_STOP, WIDEST)
 
     def scaled(tones: Multisine) -> Multisine:
         return replace(tones, mean=scale * tones.mean, amplitudes=tuple(scale * each for each in tones.amplitudes))
 
-    return MotorPositionControl(
-        springs=(first, second),
-        equilibrium=scaled(experiment.EQUILIBRIUM),
-        preset=scaled(experiment.PRESET),
-        proportional_gain=experiment.PROPORTIONAL_GAIN,
-        derivative_gain=experiment.DERIVATIVE_GAIN,
-        velocity_bandwidth=experiment.VELOCITY_BANDWIDTH,
-        torque_limit=(limits[0], limits[1]),
-        fade_in=experiment.FADE_IN,
-    )
+    return experiment.position_control(device, scaled(experiment.EQUILIBRIUM), scaled(experiment.PRESET))
 
 
 def _damping(device: Device) -> tuple[float, Callable[[Array], Array]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from via_bringup.demo.pictures import STYLE
+from via_bringup.demo.pictures import STYLE, save_figure
 
 from via_validation.changes.experiment import LEVEL
 from via_validation.changes.figures import BANDWIDTH, SHORT, Outcome
@@ -28,7 +28,7 @@ from via_validation.compare.figures import WITHIN
 from via_validation.compare.looks import LOOKS
 from via_validation.compare.page import percent
 from via_validation.provenance import Provenance
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 COVERED = 0.85  # [-] required coverage of the default under every schedule
 EXTRA = 0.002  # [-] allowed extra error of the default on constant springs
@@ -147,9 +147,7 @@ def draw(found: Sequence[Followed], path: Path) -> None:
             axes.set_title(title, fontsize=11)
         handles = [plt.Line2D([], [], **LOOKS[method]) for method in methods]
         figure.legend(handles=handles, loc="outside upper center", ncols=5, fontsize=9)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=90)
-        plt.close(figure)
+        save_figure(figure, path, dpi=90)
 
 
 def write(found: Sequence[Followed], defaults: Defaults, source: Provenance, picture: str, path: Path) -> None:
@@ -181,4 +179,4 @@ def write(found: Sequence[Followed], defaults: Defaults, source: Provenance, pic
         "source": source,
         "picture": picture,
     }  # fmt: skip
-    path.write_text(rendered("changes/page.md", values), encoding="utf-8")
+    write_page(path, "changes/page.md", values)

@@ -11,7 +11,6 @@ import numpy as np
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
-from via_core.status import Status
 from via_estimators.contract import Estimator
 from via_estimators.methods import estimator_for, method_for, methods_for
 
@@ -122,8 +121,6 @@ def _device(part: tuple[Device, Effort], report: Report) -> list[Followed]:
 
 def _runs(estimator: Estimator, joint: Recording, effort: Effort, least: int) -> list[Run]:
     def run(seed: int) -> Run:
-        estimates = estimator.run(joint.measured(seed))
-        value, sd = estimates.column(joint.output)
-        return Run(joint.time, joint.truth, value, sd, estimates.status == Status.OK)
+        return Run.of(estimator.run(joint.measured(seed)), joint.output, joint.time, joint.truth)
 
     return within_budget(run, effort.seeds, effort.budget, min(least, effort.seeds))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
 from via_core.devices import load_device
 
 PAGE, PICTURE = "change.md", "change.png"
@@ -39,10 +39,7 @@ def changes(
 
         found, defaults = follow(chosen, Effort(seeds, budget), progress)
     for name, own in page.devices_of(found).items():
-        shown = table(f"{name}: {own[0].output}", *page.SUMMARY)
-        for cells in page.summary_rows(own, defaults[name]):
-            shown.add_row(*cells)
-        answers.print(shown)
+        print_table(f"{name}: {own[0].output}", page.SUMMARY, page.summary_rows(own, defaults[name]))
     limits = page.limits_of(found, defaults)
     missed = [words for words, kept in limits if not kept]
     answers.print(

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
 from via_core.devices import load_device
 from via_core.errors import ViaError
+
+from via_validation.commands.row_table import STDOUT, save_json
 
 PAGE = "comparison.md"
 
@@ -56,20 +57,10 @@ def compare(
     source = provenance(" ".join(words))
     if write is not None:
         page.write_markdown(done, drawn, source, write / PAGE)
-    objects = json.dumps(page.as_json(done, source), indent=1, allow_nan=False) + "\n"
-    if as_numbers == Path("-"):
-        print(objects, end="")
-        return
-    for level in done.levels:
-        shown = table(f"{level.name}: {level}", *page.titles(done, level.name))
-        for cells in page.level_rows(done, level.name):
-            shown.add_row(*cells)
-        answers.print(shown)
-    shown = table("Which estimator to use", *page.DECISION)
-    shown.columns[2].justify = shown.columns[-1].justify = "left"
-    for cells in page.decision_rows(done):
-        shown.add_row(*cells)
-    answers.print(shown)
-    answers.print(f"picture: {drawn}; --write adds a page that explains the columns")
-    if as_numbers is not None:
-        as_numbers.write_text(objects, encoding="utf-8")
+    if as_numbers != STDOUT:
+        for level in done.levels:
+            print_table(f"{level.name}: {level}", page.titles(done, level.name), page.level_rows(done, level.name))
+        texts = (page.DECISION[2], page.DECISION[-1])
+        print_table("Which estimator to use", page.DECISION, page.decision_rows(done), texts=texts)
+        answers.print(f"picture: {drawn}; --write adds a page that explains the columns")
+    save_json(page.as_json(done, source), as_numbers)

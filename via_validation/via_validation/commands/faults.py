@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.progress import track
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
 from via_core.devices import load_device
 
 PAGE = "faults.md"
@@ -34,17 +34,16 @@ def faults(
     work = [(each, name) for each in chosen if each.n_motors for name in experiment.variations_of(each)]
     sound = [experiment.sound_result(each, name) for each, name in track(work, "sound signals", console=errors)]
     for name, titles, rows in page.fault_tables(faulty):
-        shown = table(f"{name}: OK samples by method", *(title.strip("`") for title in titles))
-        for cells in rows:
-            shown.add_row(*(cell.strip("*") for cell in cells))
-        answers.print(shown)
+        print_table(f"{name}: OK samples by method", [title.strip("`") for title in titles], _plain(rows))
     for titles, rows in page.sound_tables(sound):
-        shown = table("sound joints: IMPLAUSIBLE samples", *titles)
-        for cells in rows:
-            shown.add_row(*(cell.strip("*") for cell in cells))
-        answers.print(shown)
+        print_table("sound joints: IMPLAUSIBLE samples", titles, _plain(rows))
     if write is not None:
         words = ["via faults", *(f"--device {name}" for name in device or [])]
         page.draw(faulty, sound, write / "faults.png")
         page.write(faulty, sound, provenance(" ".join(words)), "faults.png", write / PAGE)
         answers.print(f"page: {write / PAGE}")
+
+
+def _plain(rows: list[list[str]]) -> list[list[str]]:
+    """The cells without the asterisks of Markdown."""
+    return [[cell.strip("*") for cell in cells] for cells in rows]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.progress import track
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
 
 PAGE = "fuzz.md"
 
@@ -34,11 +34,11 @@ def fuzz(
         found[name] = sum(batches(name, inputs, seed), Result())
         if write is not None:
             page.write(found, names[len(found) :], seed, source, write / PAGE)
-    listing = table("damaged files", "kind", "files", "read", "refused", "faults", "memory growth [MB]")
-    for name, each in found.items():
-        counts = each.files, each.read, each.refused, len(each.faults)
-        listing.add_row(name, *map(str, counts), f"{each.growth:.1f}")
-    answers.print(listing)
+    rows = (
+        (name, *map(str, (each.files, each.read, each.refused, len(each.faults))), f"{each.growth:.1f}")
+        for name, each in found.items()
+    )
+    print_table("damaged files", ("kind", "files", "read", "refused", "faults", "memory growth [MB]"), rows)
     for fault in (fault for each in found.values() for fault in each.faults):
         answers.print(fault, markup=False)
     if any(each.faults for each in found.values()):

@@ -9,13 +9,13 @@ from typing import Annotated
 import typer
 import yaml
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.text import Text
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
+from via_bringup.cli.options import saved_report
 from via_core.errors import ViaError
-from via_gap.report.report import read_report
 from via_gap.selection.reliability import decisive
 
 from via_validation.calibration import Calibrated, calibrated
+from via_validation.commands.row_table import coloured, save_json
 from via_validation.provenance import provenance
 
 app = typer.Typer(
@@ -101,16 +101,14 @@ def score(
     with progress(len(names_in(cases))) as bar:
         evaluations = evaluated_cases(cases, keys, results, simulate, processes, lambda _: bar.advance(bar.task_ids[0]))
     scored = score_of(evaluations)
-    listing = table(f"{len(evaluations)} cases", "group", "number", "ours", "limit", "cases", "verdict")
+    rows = []
     for number in scored.numbers:
-        word = {None: "", True: "ok", False: "MISSED"}[number.kept]
         limit = "" if number.limit is None else f"{'>=' if number.at_least else '<='} {number.limit:g}"
         ours = "-" if number.value is None else f"{number.value:.3f}"
-        style = {"ok": "green", "MISSED": "bold red"}.get(word, "")
-        listing.add_row(number.group, number.name, ours, limit, str(number.cases), Text(word, style))
-    answers.print(listing)
-    if as_file is not None:
-        as_file.write_text(json.dumps(as_json(scored), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        verdict = coloured({None: "", True: "ok", False: "MISSED"}[number.kept])
+        rows.append((number.group, number.name, ours, limit, str(number.cases), verdict))
+    print_table(f"{len(evaluations)} cases", ("group", "number", "ours", "limit", "cases", "verdict"), rows)
+    save_json(as_json(scored), as_file)
     if write is not None:
         try:
             write_page(scored, write, str(provenance("via gap blind score")))
@@ -136,7 +134,7 @@ def calibrate(
         file = results / f"{name}.json"
         if not file.exists():
             continue
-        report, key = read_report(_text(file), str(file)), opened(name, cases, keys).key
+        report, key = saved_report(file), opened(name, cases, keys).key
         if key["seed"] >= SEED:
             raise ViaError(f"{name}: seed {key['seed']} is reserved for evaluation; calibrate with seeds below {SEED}")
         causes = [(each["effect"], each["site"], each["motor"]) for each in key["effects"]]
@@ -169,16 +167,9 @@ def measure(
     """Measure the gap of a withheld log before and after the repair of a report."""
     from via_validation.withheld_gap import gap_of_repair
 
-    gap = gap_of_repair(log, device, read_report(_text(report), str(report)))
+    gap = gap_of_repair(log, device, saved_report(report))
     as_file.write_text(json.dumps(gap, allow_nan=False) + "\n", encoding="utf-8")
     answers.print(f"gap {gap['before']:.4g} before, {gap['after']:.4g} after")
-
-
-def _text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ViaError(f"{file} cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8'}") from None
 
 
 def progress(count: int) -> Progress:

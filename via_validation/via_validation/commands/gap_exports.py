@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
 from via_core.errors import ViaError
 from via_core.text_files import write_text
 
@@ -100,14 +100,16 @@ def _show(made: list[Exported]) -> None:
     """Print the summary, and the cases that differ."""
     from via_validation.exports.page import percent, points, summaries
 
-    shown = table(
-        "Exported repairs", "cases", "all", "slots", "same gap", "largest [points]", "least share", "lost",
-        "as listed", "rest [points]", "failed",
+    columns = (
+        "cases", "all", "slots", "same gap", "largest [points]", "least share", "lost", "as listed", "rest [points]",
+        "failed",
     )  # fmt: skip
-    for each in summaries(made):
-        counts = str(each.all), str(each.slotted), str(each.within), points(each.difference), percent(each.reproduced)
-        shown.add_row(each.name, *counts, str(each.lossy), str(each.explained), points(each.rest), str(each.failed))
-    answers.print(shown)
+    rows = (
+        (each.name, str(each.all), str(each.slotted), str(each.within), points(each.difference),
+         percent(each.reproduced), str(each.lossy), str(each.explained), points(each.rest), str(each.failed))
+        for each in summaries(made)
+    )  # fmt: skip
+    print_table("Exported repairs", columns, rows)
     for case in made:
         if not case.kept:
             answers.print(f"{case.name}: {case.failure or 'differs'}", soft_wrap=True)

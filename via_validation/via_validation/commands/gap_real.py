@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
 from via_core.errors import ViaError
 
 if TYPE_CHECKING:
@@ -85,24 +85,22 @@ def _run(case: Case, folder: Path, results: Path) -> None:
 
 def _show(pairs: list[tuple[Case, Result]]) -> None:
     """Print the table and the summary."""
-    from via_validation.gap_real.summary import first_cause, gap_words, outcome_of, summary, worse
+    from via_validation.gap_real.summary import first_cause, gap_words, outcome_of, probability, summary, worse
 
-    shown = table(
-        "Real robots", "case", "verdict", "first cause", "p", "explained", "held-out gap", "outcome", "worse", "s"
-    )
-    for case, result in pairs:
-        report = result.report
-        first = report.causes[0] if report is not None and report.causes else None
-        shown.add_row(
+    columns = ("case", "verdict", "first cause", "p", "explained", "held-out gap", "outcome", "worse", "s")
+    rows = (
+        (
             case.name,
-            result.failure if report is None else report.verdict,
+            result.failure if result.report is None else result.report.verdict,
             first_cause(result),
-            f"{first.probability:.2f}" if first else "",
-            f"{100 * report.explained:.0f} %" if report is not None else "",
+            probability(result),
+            f"{100 * result.report.explained:.0f} %" if result.report is not None else "",
             gap_words(result),
             outcome_of(case, result),
             worse(result),
             f"{result.seconds:.0f}",
         )
-    answers.print(shown)
+        for case, result in pairs
+    )
+    print_table("Real robots", columns, rows)
     answers.print(str(summary(pairs)), soft_wrap=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
+from via_bringup.commit import git
 from via_core.errors import ViaError
 
 PAGE = "mutants.md"
@@ -34,8 +34,8 @@ def mutants(
     equivalent = {mutation for mutation, _ in choice.listed(root, "equivalent")}
     sample, limits = choice.sampled(found, count, seed), running.Limits(seconds, per_file)
     work = [each for each in (*sample, *named) if each not in equivalent]
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=errors) as bar:
+    bars = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*bars, console=errors) as bar:
         task = bar.add_task("mutations", total=len(work))
 
         def report(outcome: running.Outcome) -> None:
@@ -51,10 +51,8 @@ def mutants(
     ]
     available = sum(map(len, found.values()))
     results = page.Results(outcomes[0], outcomes[1], equivalent, available, len(found), seed, limits)
-    shown = table("Mutations", "", "mutations", "killed", "equivalent", "survived", "killed of not equivalent")
-    for row in page.summary(results):
-        shown.add_row(*row)
-    answers.print(shown)
+    columns = ("", "mutations", "killed", "equivalent", "survived", "killed of not equivalent")
+    print_table("Mutations", columns, page.summary(results))
     for outcome in results.survivors:
         each = outcome.mutation
         answers.print(f"survived: {each.path}:{each.line}: {each.before!r} -> {each.after!r} in {each.code!r}")
@@ -66,10 +64,7 @@ def mutants(
 
 def _checkout() -> Path:
     """The root of the repository that contains this file; raises ViaError outside a checkout."""
-    here = Path(__file__).resolve().parent
-    done = subprocess.run(
-        ["git", "-C", str(here), "rev-parse", "--show-toplevel"], capture_output=True, text=True, check=False
-    )
-    if done.returncode:
+    root = git("rev-parse", "--show-toplevel").strip()
+    if not root:
         raise ViaError("mutations need a checkout of the repository: clone it and run the command there")
-    return Path(done.stdout.strip())
+    return Path(root)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, print_table
 from via_core.errors import ParameterError
 
 PAGE = "reliability.md"
@@ -56,10 +56,8 @@ def reliability(
                     page.write(found, chosen[len(found) :], source, write / PAGE)
         except KeyboardInterrupt:
             interrupted = True
-    shown = table("faults", "injected", "as required", "seen", "time [s]")
-    for each in found:
-        shown.add_row(each.injected, "yes" if each.met else "no", each.seen, f"{each.seconds:.1f}")
-    answers.print(shown)
+    rows = ((each.injected, "yes" if each.met else "no", each.seen, f"{each.seconds:.1f}") for each in found)
+    print_table("faults", ("injected", "as required", "seen", "time [s]"), rows)
     answers.print(f"{sum(each.met for each in found)} of {len(found)} faults do what they must")
     if interrupted:
         raise typer.Exit(INTERRUPTED)

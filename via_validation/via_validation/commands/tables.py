@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.text import Text
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors
 from via_core.errors import ViaError
 
+from via_validation.commands.row_table import STDOUT, Json, print_rows, save_json
 from via_validation.provenance import provenance
-from via_validation.tables.page import Report, as_json, number, verdict, write_html, write_markdown
-from via_validation.tables.run import SECTIONS, Finished, chosen, run_sections
+from via_validation.tables.page import Report, as_json, write_html, write_markdown
+from via_validation.tables.run import SECTIONS, chosen, run_sections
 
-STYLES = {"ok": "green", "MISSED": "bold red"}
+TITLES = ("id", "case", "quantity", "document", "ours", "limit", "verdict")
 PAGES = " and ".join(dict.fromkeys(f"{each.page}.md" for each in SECTIONS))
 
 
@@ -31,9 +30,7 @@ def tables(
         typer.Option(help="Folder of real MACCEPA-VD runs; default: the data set or the sample."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for index.html and the pictures.")] = Path("out/tables"),
-    as_rows: Annotated[
-        Path | None, typer.Option("--json", help="Write the rows to this file; -: only to stdout.")
-    ] = None,
+    as_rows: Json = None,
     write: Annotated[
         Path | None, typer.Option(help=f"Also write {PAGES} with small pictures into this folder.")
     ] = None,
@@ -64,15 +61,11 @@ def tables(
     write_html(report, out / "index.html")
     if write is not None:
         write_markdown(report, write)
-    objects = json.dumps(as_json(report.rows), indent=1, allow_nan=False) + "\n"
-    if as_rows == Path("-"):
-        print(objects, end="")
-    else:
-        for each in finished:
-            _show(each)
+    if as_rows != STDOUT:
+        for each in filter(lambda each: each.rows, finished):
+            print_rows(f"{each.section.name}: {each.section.title}", each.rows, TITLES, TITLES[3:-1])
         _conclude(report, out)
-        if as_rows is not None:
-            as_rows.write_text(objects, encoding="utf-8")
+    save_json(as_json(report.rows), as_rows)
     for each in finished:
         if each.trouble:
             errors.print(f"section {each.section.name}: {each.trouble}")
@@ -80,26 +73,6 @@ def tables(
         raise typer.Exit(130)
     if any(each.trouble for each in finished):
         raise typer.Exit(1)
-
-
-def _show(finished: Finished) -> None:
-    if not finished.rows:
-        return
-    title = f"{finished.section.name}: {finished.section.title}"
-    shown = table(title, "id", "case", "quantity", "document", "ours", "limit", "verdict")
-    shown.columns[1].justify = shown.columns[2].justify = "left"
-    for row in finished.rows:
-        word = verdict(row)
-        shown.add_row(
-            row.id,
-            Text.assemble(row.what, (f"\n{row.remark}", "dim") if row.remark else ""),
-            row.quantity,
-            number(row.document),
-            number(row.ours),
-            number(row.limit),
-            Text(word, STYLES.get(word, "")),
-        )
-    answers.print(shown)
 
 
 def _conclude(report: Report, out: Path) -> None:

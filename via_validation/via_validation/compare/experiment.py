@@ -50,6 +50,16 @@ class Level:
         """Encoder step [rad]; 0 for exact angles."""
         return 2.0 * pi / 2**self.encoder_bits if self.encoder_bits else 0.0
 
+    @property
+    def sensors(self) -> Sensors:
+        """Sensors of this quality."""
+        return Sensors(
+            link_quantum=self.quantum,
+            motor_quantum=self.quantum,
+            torque_noise=self.torque_noise,
+            velocity_noise=self.velocity_noise,
+        )
+
     def __str__(self) -> str:
         encoders = f"{self.encoder_bits} bit encoders" if self.encoder_bits else "exact angles"
         friction = "dry friction as published" if self.friction else "no dry friction"
@@ -95,13 +105,26 @@ class Motion:
 
     def measured(self, level: Level, seed: int) -> Simulation:
         """The motion measured by the level's sensors."""
-        sensors = Sensors(
-            link_quantum=level.quantum,
-            motor_quantum=level.quantum,
-            torque_noise=level.torque_noise,
-            velocity_noise=level.velocity_noise,
-        )
-        return simulate(self.plant, self.torques, len(self.torques) / RATE, RATE, sensors, InitialConditions(seed=seed))
+        initial = InitialConditions(seed=seed)
+        return simulate(self.plant, self.torques, len(self.torques) / RATE, RATE, level.sensors, initial)
+
+
+def position_control(
+    device: Device, equilibrium: Multisine = EQUILIBRIUM, preset: Multisine = PRESET
+) -> MotorPositionControl:
+    """The controller of the closed loop."""
+    first, second = device.springs
+    limits = [motor.torque_limit or np.inf for motor in _motors(device)]
+    return MotorPositionControl(
+        springs=(first, second),
+        equilibrium=equilibrium,
+        preset=preset,
+        proportional_gain=PROPORTIONAL_GAIN,
+        derivative_gain=DERIVATIVE_GAIN,
+        velocity_bandwidth=VELOCITY_BANDWIDTH,
+        torque_limit=(limits[0], limits[1]),
+        fade_in=FADE_IN,
+    )
 
 
 def motion_of(device: Device, friction: bool, duration: float = DURATION) -> Motion:
@@ -109,19 +132,7 @@ def motion_of(device: Device, friction: bool, duration: float = DURATION) -> Mot
     if device.arrangement != "antagonistic" or device.drive != "torque":
         raise ParameterError(f"'{device.name}' is not an antagonistic joint with torque-driven motors")
     plant = JointPlant.from_device(device if friction else without_friction(device))
-    first, second = device.springs
-    limits = [motor.torque_limit or np.inf for motor in _motors(device)]
-    controller = MotorPositionControl(
-        springs=(first, second),
-        equilibrium=EQUILIBRIUM,
-        preset=PRESET,
-        proportional_gain=PROPORTIONAL_GAIN,
-        derivative_gain=DERIVATIVE_GAIN,
-        velocity_bandwidth=VELOCITY_BANDWIDTH,
-        torque_limit=(limits[0], limits[1]),
-        fade_in=FADE_IN,
-    )
-    simulator = Simulator(plant, RATE, IDEAL)
+    controller, simulator = position_control(device), Simulator(plant, RATE, IDEAL)
     state, memory = simulator.init(), controller.init()
     measured, _ = simulator.sample(state)
     torques = np.empty((round(duration * RATE), 2))

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from via_core.device_parts import ServoMotor
 from via_core.devices import Device
 from via_core.faults import fault_of
-from via_core.modulated_rows import Samples
+from via_core.modulated_rows import Samples, Share
 from via_core.plausibility import equations_of, interval_of, worst
 from via_core.signals import Array, Signals
 from via_core.status import Status
@@ -145,32 +144,35 @@ def _thinned(device: Device, share: float) -> Signals:
     return Signals(full.time[kept], {n: v[kept] for n, v in full.channels.items()}, full.units, full.held)
 
 
+def _with_link(device: Device, **changed: float) -> Device:
+    return device.model_copy(update={"link": device.link.model_copy(update=changed)})
+
+
+def _with_motors(device: Device, change: Callable[[Any], dict[str, float]]) -> Device:
+    """The device with what `change` makes of each motor's numbers."""
+    motors = tuple(motor.model_copy(update=change(motor)) for motor in device.motors)
+    return device.model_copy(update={"motors": motors})
+
+
 def _variations_of_servo(device: Device) -> Mapping[str, Callable[[], Signals]]:
     observed, typical = (
         device.observed,
         device.springs[0].torque(np.linspace(0.0, device.springs[0].max_deflection)),
     )
 
-    def link(**changed: float) -> Device:
-        return device.model_copy(update={"link": device.link.model_copy(update=changed)})
-
     def servos(bandwidth: float, **seen: float | None) -> Device:
-        motors = tuple(
-            motor.model_copy(update={"bandwidth": bandwidth * motor.bandwidth})
-            for motor in device.motors
-            if isinstance(motor, ServoMotor)
-        )
-        return device.model_copy(update={"motors": motors, "observed": observed.model_copy(update=seen)})
+        changed = _with_motors(device, lambda motor: {"bandwidth": bandwidth * motor.bandwidth})
+        return changed.model_copy(update={"observed": observed.model_copy(update=seen)})
 
     slow = 0.46 * observed.servo_speed_limit if observed.servo_speed_limit is not None else None
     return {
         "as filed": lambda: moved(device),
-        "link inertia x 2": lambda: moved(device, link(inertia=2.0 * device.link.inertia)),
+        "link inertia x 2": lambda: moved(device, _with_link(device, inertia=2.0 * device.link.inertia)),
         "bandwidth x .6": lambda: moved(device, servos(0.6)),
         "speed limit x .46": lambda: moved(device, servos(1.0, servo_speed_limit=slow)),
         "no dead time, no speed limit": lambda: moved(device, servos(1.0, servo_dead_time=0.0, servo_speed_limit=None)),
         "dry friction 20 % of the torque": lambda: moved(
-            device, link(coulomb_friction=0.2 * float(np.mean(np.abs(typical))))
+            device, _with_link(device, coulomb_friction=0.2 * float(np.mean(np.abs(typical))))
         ),
         "100 Hz": lambda: moved(device, rate=100.0),
         "10 % of the samples lost": lambda: _thinned(device, 0.1),
@@ -183,16 +185,11 @@ def variations_of(device: Device) -> Mapping[str, Callable[[], Signals]]:
     if device.drive == "servo":
         return _variations_of_servo(device)
 
-    def motors(**factors: float) -> Device:
-        changed = [
-            motor.model_copy(update={name: factor * getattr(motor, name) for name, factor in factors.items()})
-            for motor in device.motors
-        ]
-        return device.model_copy(update={"motors": tuple(changed)})
+    def motors(change: Callable[[Any], dict[str, float]]) -> Signals:
+        return moved(device, _with_motors(device, change))
 
-    def rough(torque: float) -> Device:
-        changed = [motor.model_copy(update={"coulomb_friction": torque}) for motor in device.motors]
-        return device.model_copy(update={"motors": tuple(changed)})
+    def rough(torque: float) -> Signals:
+        return motors(lambda _: {"coulomb_friction": torque})
 
     def torque(change: Callable[[Array], Array]) -> Signals:
         full = moved(device)
@@ -201,15 +198,14 @@ def variations_of(device: Device) -> Mapping[str, Callable[[], Signals]]:
     def late(tau: Array) -> Array:
         return np.concatenate([np.repeat(tau[:1], 5, axis=0), tau[:-5]])
 
-    heavy = device.model_copy(update={"link": device.link.model_copy(update={"inertia": 3.0 * device.link.inertia})})
     typical = SIZE * float(device.springs[0].torque(device.springs[0].max_deflection)) if device.springs else 0.0
     return {
         "as filed": lambda: moved(device),
-        "link inertia x 3": lambda: moved(device, heavy),
-        "motor inertia x 2": lambda: moved(device, motors(inertia=2.0)),
-        "motor damping x 3": lambda: moved(device, motors(viscous_friction=3.0)),
-        "dry friction 10 % of the torque": lambda: moved(device, rough(0.1 * typical)),
-        "dry friction 30 % of the torque": lambda: moved(device, rough(0.3 * typical)),
+        "link inertia x 3": lambda: moved(device, _with_link(device, inertia=3.0 * device.link.inertia)),
+        "motor inertia x 2": lambda: motors(lambda motor: {"inertia": 2.0 * motor.inertia}),
+        "motor damping x 3": lambda: motors(lambda motor: {"viscous_friction": 3.0 * motor.viscous_friction}),
+        "dry friction 10 % of the torque": lambda: rough(0.1 * typical),
+        "dry friction 30 % of the torque": lambda: rough(0.3 * typical),
         "200 Hz": lambda: moved(device, rate=200.0),
         "torque noise 10 %": lambda: moved(device, torque_noise=0.1 * typical),
         "10 % of the samples lost": lambda: _thinned(device, 0.1),
@@ -244,6 +240,15 @@ class SoundResult:
     limit: float
 
 
+def _shares(device: Device, measured: Signals, begin: float = 0.0) -> list[tuple[Samples, Share]]:
+    """The intervals of a recording from `begin` [s] on, and what the most violated equation leaves unexplained."""
+    samples, equations = Samples.of_signals(measured, device, measured), equations_of(device)
+    assert samples is not None
+    length = interval_of(equations)
+    parts = [samples.between(end - length, end) for end in np.arange(begin + length, DURATION, length)]
+    return [(part, worst([each.share(part) for each in equations])) for part in parts]
+
+
 def fault_result(device: Device, name: str, measured: Signals) -> FaultResult:
     """The answers of every method of the device to one fault."""
     fault = faults_of(device)[name]
@@ -252,13 +257,9 @@ def fault_result(device: Device, name: str, measured: Signals) -> FaultResult:
         estimates = estimator_for(device, method).run(faulty)
         late = faulty.time > fault.onset + LATE
         ok[method] = float(np.mean(estimates.status[late] == Status.OK))
-    samples = Samples.of_signals(faulty, device, faulty)
-    assert samples is not None
-    equations = equations_of(device)
-    length = interval_of(equations)
-    intervals = [samples.between(end - length, end) for end in np.arange(fault.onset + length, DURATION, length)]
-    shares = [worst([each.share(part) for each in equations]) for part in intervals]
-    names = [fault_of(device, part) for part, share in zip(intervals, shares, strict=True) if share.impossible]
+    parts = _shares(device, faulty, fault.onset)
+    shares = [share for _, share in parts]
+    names = [fault_of(device, part) for part, share in parts if share.impossible]
     right = [each is not None and fault.words in each.text for each in names]
     return FaultResult(
         device.name,
@@ -275,14 +276,7 @@ def sound_result(device: Device, name: str) -> SoundResult:
     """The answers of the device's default method to one sound variation."""
     measured = variations_of(device)[name]()
     estimates = estimator_for(device).run(measured)
-    samples = Samples.of_signals(measured, device, measured)
-    assert samples is not None
-    equations = equations_of(device)
-    length = interval_of(equations)
-    shares = [
-        worst([each.share(samples.between(end - length, end)) for each in equations])
-        for end in np.arange(length, DURATION, length)
-    ]
+    shares = [share for _, share in _shares(device, measured)]
     return SoundResult(
         device.name,
         name,

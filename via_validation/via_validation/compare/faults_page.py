@@ -8,11 +8,12 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from via_bringup.demo.pictures import save_figure
 
 from via_validation.compare.faults import LATE, FaultResult, SoundResult
 from via_validation.compare.looks import MARKERS
 from via_validation.provenance import Provenance
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 ALLOWED = 0.05  # [-] share of OK samples after LATE
 SOUND, FAULTY = "#1b6ca8", "#c0392b"
@@ -46,9 +47,7 @@ def draw(faulty: Sequence[FaultResult], sound: Sequence[SoundResult], path: Path
         axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.3, 1.0), ncols=3, frameon=False, fontsize=9)
     axes.set_xlim(-0.03, 1.6)
     axes.set_xlabel("unexplained share of the torques")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save_figure(figure, path, dpi=110)
 
 
 def fault_tables(faulty: Sequence[FaultResult]) -> list[tuple[str, list[str], list[list[str]]]]:
@@ -98,7 +97,7 @@ def write(
         "late": f"{LATE:g}",
         "allowed": f"{100 * ALLOWED:g}",
     }
-    path.write_text(rendered("compare/faults.md", values), encoding="utf-8")
+    write_page(path, "compare/faults.md", values)
 
 
 def _share(share: float, good: bool) -> str:

@@ -20,6 +20,8 @@ from math import inf, nan
 import numpy as np
 from via_core.metrics import WIDTH_95
 from via_core.signals import Array
+from via_core.status import Status
+from via_estimators.contract import Estimates
 
 from via_validation.compare.experiment import RATE
 
@@ -31,13 +33,18 @@ NOISELESS = 1e-9  # [-] scatter over truth below which the scatter counts as zer
 
 @dataclass(frozen=True)
 class Run:
-    """Total stiffness of one seed: time, truth, value, standard deviation [N m/rad], whether OK; all (N,)."""
+    """An output of one seed: time, truth, value, standard deviation, whether OK; all (N,)."""
 
     time: Array
     truth: Array
     value: Array
     sd: Array
     ok: Array
+
+    @classmethod
+    def of(cls, estimates: Estimates, output: str, time: Array, truth: Array) -> Run:
+        """The output of these estimates."""
+        return cls(time, truth, *estimates.column(output), estimates.status == Status.OK)
 
 
 @dataclass(frozen=True)

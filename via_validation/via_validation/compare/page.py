@@ -15,7 +15,7 @@ from via_validation.compare.figures import CONVERGED, START, WITHIN
 from via_validation.compare.run import WRONG_LEVEL, WRONG_SEEDS, Case, Comparison
 from via_validation.provenance import Provenance
 from via_validation.tables.page import small_copy
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 DECISION = ("device", "noise", "use", "error [%]", "in 95 % interval", "converged [s]", "cost [us]", "the default")
 SAME = "the same"
@@ -167,7 +167,7 @@ def write_markdown(comparison: Comparison, picture: Path, source: Provenance, pa
         "unusable": UNUSABLE,
         "rule": {name.lower(): 100.0 * getattr(decision, name) for name in ("HONEST", "TRUSTED", "EQUAL")},
     }  # fmt: skip
-    path.write_text(rendered("compare/page.md", values), encoding="utf-8")
+    write_page(path, "compare/page.md", values)
 
 
 def _tones(reference: Multisine) -> str:

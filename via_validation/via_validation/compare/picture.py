@@ -7,7 +7,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from via_bringup.demo.pictures import STYLE
+from via_bringup.demo.pictures import STYLE, save_figure
 from via_core.metrics import WIDTH_95
 
 from via_validation.compare import decision
@@ -44,9 +44,7 @@ def draw(comparison: Comparison, path: Path) -> None:
         panels[1][0].set_ylabel("share in the 95 % interval")
         panels[2][0].set_ylabel(f"stiffness over its mean,\n{shown} noise")
         figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=10)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-        plt.close(figure)
+        save_figure(figure, path)
 
 
 def _stiffness(axes: plt.Axes, comparison: Comparison, device: str, level: str) -> None:

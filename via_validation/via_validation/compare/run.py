@@ -9,7 +9,6 @@ from itertools import product
 
 from via_core.devices import Device
 from via_core.errors import ParameterError
-from via_core.status import Status
 from via_estimators.contract import Estimator
 from via_estimators.methods import estimator_for, method_for, methods_for
 from via_sim.simulate import Simulation
@@ -108,10 +107,8 @@ def outputs_of(device: Device, method: str) -> tuple[str, ...]:
 
 def estimated(estimator: Estimator, simulation: Simulation) -> Run:
     """Estimated and true total stiffness of a simulation."""
-    estimates = estimator.run(simulation.measured)
-    value, sd = estimates.column("stiffness")
-    truth = simulation.truth["stiffness"]
-    return Run(simulation.truth.time, truth, value, sd, estimates.status == Status.OK)
+    truth = simulation.truth
+    return Run.of(estimator.run(simulation.measured), "stiffness", truth.time, truth["stiffness"])
 
 
 def _cases(part: _Part, report: Report) -> list[Case]:

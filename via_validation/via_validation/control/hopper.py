@@ -83,7 +83,6 @@ class Hopping:
 
     apex: float  # [m] mean of the trunk's highest points above its standing height
     apex_sd: float  # std / mean of these
-    apex_height_sd: float  # std / mean of their heights above ground
     amplitude: float  # [m] peak to peak of the trunk's height, mean over cycles
     frequency: float  # [Hz]
     flight: float  # share of time without contact
@@ -141,7 +140,6 @@ def _figures(run: HopperRun, stance: float) -> Hopping:
     return Hopping(
         apex=float(apexes.mean()) - stance,
         apex_sd=relative_sd(apexes - stance),
-        apex_height_sd=relative_sd(apexes),
         amplitude=float(cycles.swings.mean()),
         frequency=1.0 / float(cycles.periods.mean()),
         flight=float(np.mean(run.force[late].sum(axis=1) == 0.0)),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from via_validation.fuzz.run import BATCH, PATIENCE, Result
 from via_validation.provenance import Provenance
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 
 def write(found: Mapping[str, Result], missing: Sequence[str], seed: int, source: Provenance, path: Path) -> None:
@@ -28,5 +28,4 @@ def write(found: Mapping[str, Result], missing: Sequence[str], seed: int, source
         "batch": BATCH,
         "patience": PATIENCE,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(rendered("fuzz/fuzz.md", values), encoding="utf-8")
+    write_page(path, "fuzz/fuzz.md", values)

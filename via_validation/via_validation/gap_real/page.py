@@ -11,7 +11,7 @@ from via_sim.effects import place_name
 from via_validation.gap_real.cases import CASES, Case
 from via_validation.gap_real.pictures import draw_gaps
 from via_validation.gap_real.run import Elsewhere, Result
-from via_validation.gap_real.summary import Pair, first_cause, gap_words, outcome_of, summary, worse
+from via_validation.gap_real.summary import Pair, first_cause, gap_words, outcome_of, probability, summary, worse
 from via_validation.gap_real.truth import named_causes, sizes
 from via_validation.provenance import Provenance
 from via_validation.template import rendered
@@ -50,12 +50,6 @@ def answer(report: GapReport) -> str:
         others = [place.effect for place in report.equivalence_set if place not in report.effects]
         sentence += f"; not distinguished from {', '.join(others)}" if others else ""
     return f"{sentence}; {report.reason}." if report.reason else f"{sentence}."
-
-
-def probability(result: Result) -> str:
-    """Probability of the first cause; empty without a cause."""
-    report = result.report
-    return f"{report.causes[0].probability:.2f}" if report is not None and report.causes else ""
 
 
 def size_words(case: Case, result: Result) -> str:

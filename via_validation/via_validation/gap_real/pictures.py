@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-from via_bringup.demo.pictures import STYLE
+from via_bringup.demo.pictures import STYLE, save_figure
 
 from via_validation.gap_real.summary import Pair, outcome_of
 from via_validation.tables.page import small_copy
@@ -34,7 +34,5 @@ def draw_gaps(pairs: Sequence[Pair], path: Path) -> None:
         axes.set_xlabel("error on held-out data over the standard deviation of the signal [-]")
         if shown:
             axes.legend(fontsize=9)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-        plt.close(figure)
+        save_figure(figure, path)
     small_copy(path, path)

@@ -93,3 +93,9 @@ def worse(result: Result) -> str:
     """Number of other recordings on which the repair increases the gap."""
     compared = [each for each in result.elsewhere if not each.failure]
     return f"{sum(each.worse for each in compared)} of {len(compared)}" if compared else ""
+
+
+def probability(result: Result) -> str:
+    """Probability of the first cause; empty without a cause."""
+    report = result.report
+    return f"{report.causes[0].probability:.2f}" if report is not None and report.causes else ""

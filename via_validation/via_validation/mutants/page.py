@@ -10,7 +10,7 @@ from pathlib import Path
 from via_validation.mutants.operators import Mutation
 from via_validation.mutants.running import Limits, Outcome
 from via_validation.provenance import Provenance
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 WANTED = 0.95  # [-] of the mutations that are not equivalent
 
@@ -74,5 +74,4 @@ def write(results: Results, source: Provenance, path: Path) -> None:
         "by_module": [[f"`{name}`", *(each[name] for each in modules)] for name in names],
         "source": source,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(rendered("mutants/page.md", values), encoding="utf-8")
+    write_page(path, "mutants/page.md", values)

@@ -9,7 +9,7 @@ from via_validation.provenance import Provenance
 from via_validation.reliability.endurance import DEVICE, DRIFT, GROWTH, Run
 from via_validation.tables.page import number, verdict
 from via_validation.tables.rows import Row
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 
 def write(run: Run, rows: Sequence[Row], source: Provenance, path: Path) -> None:
@@ -24,5 +24,4 @@ def write(run: Run, rows: Sequence[Row], source: Provenance, path: Path) -> None
         "drift": round(100.0 * (DRIFT - 1.0)),
         "source": source,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(rendered("reliability/endurance.md", values), encoding="utf-8")
+    write_page(path, "reliability/endurance.md", values)

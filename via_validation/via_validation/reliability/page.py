@@ -8,7 +8,7 @@ from pathlib import Path
 from via_validation.provenance import Provenance
 from via_validation.reliability.fault import Outcome
 from via_validation.reliability.run import Name
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 
 def write(found: Sequence[Outcome], missing: Sequence[Name], source: Provenance, path: Path) -> None:
@@ -23,8 +23,7 @@ def write(found: Sequence[Outcome], missing: Sequence[Name], source: Provenance,
         "missing": [f"{each.group}: {each.injected}" for each in missing],
         "source": source,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(rendered("reliability/reliability.md", values), encoding="utf-8")
+    write_page(path, "reliability/reliability.md", values)
 
 
 def _row(outcome: Outcome) -> list[str]:

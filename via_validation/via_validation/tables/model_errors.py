@@ -13,7 +13,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from via_bringup.demo.pictures import FAINT, STYLE
+from via_bringup.demo.pictures import FAINT, STYLE, save_figure
 from via_bringup.demo.reference import ARM, DIRECTIONS, MOTORS, damped_arm, linear_modes
 from via_controllers.arm_methods import ModalLimitCycleParameters
 from via_core.signals import Array
@@ -22,7 +22,6 @@ from via_validation.control.bang_bang import degrees_between, pushed, reference_
 from via_validation.control.cycles import Cycles
 from via_validation.control.limit_cycle import CycleCourse, in_modes, limit_cycle_controller, start
 from via_validation.control.model_error import ErrorRun, Estimators, ModelError, run_with_error
-from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Progress, Row
 
 FOREARM = 2.2  # [kg] mass of reference_4dof's forearm

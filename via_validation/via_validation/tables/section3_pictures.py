@@ -7,7 +7,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from via_bringup.demo.pictures import FAINT, MODEL, REAL, STYLE
+from via_bringup.demo.pictures import FAINT, MODEL, REAL, STYLE, save_figure
 from via_core.devices import Device, load_device
 from via_core.signals import Array
 from via_core.springs import ExponentialSpring
@@ -16,7 +16,6 @@ from via_estimators.contract import Estimates
 from via_estimators.modulated_stiffness import ModulatedStiffness
 
 from via_validation.tables.cubic_joint import POSITION_RATIO, TAU, THETA, TORQUE_RATIO, Log, cubic_log, log_of
-from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Progress
 from via_validation.tables.section3_methods import differentiated
 

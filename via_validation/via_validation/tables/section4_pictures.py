@@ -7,12 +7,11 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from via_bringup.demo.pictures import MODEL, REAL, STYLE
+from via_bringup.demo.pictures import MODEL, REAL, STYLE, save_figure
 from via_core.signals import Array
 from via_core.status import Status
 
 from via_validation.tables.cubic_joint import cubic_log
-from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Progress
 from via_validation.tables.section4_methods import MM, cubic, ideal_estimates, smoothed
 from via_validation.tables.vsa2 import SLOW, motion

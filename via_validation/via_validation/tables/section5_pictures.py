@@ -9,13 +9,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
+from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE, save_figure
 from via_core.metrics import WIDTH_95
 from via_core.signals import Array
 from via_estimators.contract import rows_of
 from via_sim.simulate import Simulation
 
-from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Progress
 from via_validation.tables.section5_methods import PERCENT, directional, trend
 from via_validation.tables.vpda import EXPERIMENTS, Experiment

@@ -12,14 +12,13 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
+from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE, save_figure
 from via_bringup.demo.reference import DIRECTIONS, MOTORS, TURNING, damped_arm, linear_modes
 
 from via_validation.control.bang_bang import AMPLITUDE, degrees_between, free_motion
 from via_validation.control.hitting import HELD, HOLDS, SUBSTEPS, WALLS, WEAK, Hitting, Impacts, hitting
 from via_validation.control.hopper import AS_HIGH, PAYLOAD, Hopping, hop, reference_controller, sinusoid, toppling
 from via_validation.control.nonlinear_mode import nonlinear_mode
-from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Row
 
 RATIO = (1.03, 1.15)  # required range of f over the frequency of the linear mode

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from via_bringup.demo.pictures import FAINT, MODEL, STYLE
+from via_bringup.demo.pictures import FAINT, MODEL, STYLE, save_figure
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
 from via_controllers.arms.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
 from via_controllers.arms.self_start import ENOUGH, START
@@ -35,7 +35,6 @@ from via_validation.control.limit_cycle import (
     limit_cycle_controller,
     rigid,
 )
-from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Row
 from via_validation.tables.section6_derivatives import derivative_rows
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.integrate import quad
-from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
+from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE, save_figure
 from via_bringup.demo.reference import throwing_controller
 from via_controllers.joints.visco_elastic import ViscoElasticJoint
 from via_core.devices import load_device
@@ -24,7 +24,6 @@ from via_validation.control.throw import throw
 from via_validation.switching import collocation, program
 from via_validation.switching.motor_models import DrivenJoint, Optimum
 from via_validation.switching.performance import bound, performance, velocity_with
-from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Progress, Row
 
 OMEGA = 3.0  # [rad/s]

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from via_bringup.demo.pictures import save_figure
 from via_core.devices import Device, load_device
 from via_core.metrics import WIDTH_95
 from via_core.signals import Array, Signals
@@ -206,6 +207,4 @@ def _draw(found: Sequence[dict[str, Found]], path: Path) -> None:
     panels[0].invert_yaxis()
     figure.legend(*panels[0].get_legend_handles_labels(), loc="lower center", ncol=2)
     figure.tight_layout(rect=(0.0, 0.06, 1.0, 1.0))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save_figure(figure, path, dpi=110)

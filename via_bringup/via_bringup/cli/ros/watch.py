@@ -67,20 +67,8 @@ def watch(
 
 def shown(watched: Watched, joints: list[str] | None = None) -> Group:
     """The table of all joints, or of these, and the warnings below it."""
-    made = table(
-        "",
-        "joint",
-        "samples",
-        "gaps",
-        "method",
-        "stiffness [N m/rad]",
-        "damping [N m s/rad]",
-        "status",
-        "gap",
-        "causes",
-    )
-    for column in made.columns[6:]:
-        column.justify = "left"
+    numbers, texts = ("stiffness [N m/rad]", "damping [N m s/rad]"), ("status", "gap", "causes")
+    made = table("", "joint", "samples", "gaps", "method", *numbers, *texts, texts=texts)
     names = [each for each in watched.joints() if not joints or each in joints]
     for name in names:
         _add(made, watched, name)

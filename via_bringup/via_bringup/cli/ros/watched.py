@@ -63,7 +63,6 @@ class Watched:
     joint_topic: str = "/joint_states"
     samples: dict[str, Samples] = field(default_factory=dict)  # by joint
     newest: dict[str, Any] = field(default_factory=dict)  # message by topic
-    seen: dict[str, float] = field(default_factory=dict)  # [s] steady clock at the newest message, by topic
     _warnings: dict[str, tuple[float, DiagnosticStatus]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -84,7 +83,7 @@ class Watched:
                 self._subscriptions[topic] = self._subscribe(kind, topic, NEWEST)
         for topic, subscription in self._subscriptions.items():
             for message in _taken(subscription):
-                self.newest[topic], self.seen[topic] = message, now
+                self.newest[topic] = message
         stamps: dict[str, list[int]] = {}
         for data in _taken(self._joint_states):
             joints = self._decoder.decode(data)

@@ -11,7 +11,7 @@ from via_validation.bench.realtime.rows import PROCESSES, RUNS, WAYS, Loops
 from via_validation.provenance import Provenance
 from via_validation.tables.page import number, verdict
 from via_validation.tables.rows import Row
-from via_validation.template import rendered
+from via_validation.template import write_page
 
 
 def write(loops: Loops, rows: Sequence[Row], source: Provenance, path: Path) -> None:
@@ -31,9 +31,7 @@ def write(loops: Loops, rows: Sequence[Row], source: Provenance, path: Path) -> 
         "rclcpp": missing(),
         "source": source,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = rendered("bench/realtime/page.md", values, {"number": number, "verdict": verdict})
-    path.write_text(text, encoding="utf-8")
+    write_page(path, "bench/realtime/page.md", values, {"number": number, "verdict": verdict})
 
 
 def _of(rows: Sequence[Row], start: str) -> list[Row]:

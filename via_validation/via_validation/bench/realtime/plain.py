@@ -15,6 +15,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from via_controllers.contract import JointSample
 from via_controllers.joint_methods import ExcitationParameters
+from via_controllers.robot import zero_sample
 from via_core.devices import load_device
 from via_core.wire import SECOND
 from via_estimators.contract import Live
@@ -142,7 +143,7 @@ class PlainController(Node):
         self.robot = ExcitationParameters(device=DEVICE).build()
         self.supervisor: Any = self.robot.supervisor
         for active in (False, True):  # compiles
-            self.supervisor.step(self.supervisor.init(), self.robot.zero_sample(0.0), active)
+            self.supervisor.step(self.supervisor.init(), zero_sample(self.robot, 0.0), active)
         self.state, self.samples, self.origin = self.supervisor.init(), 0, 0
         self.commands = self.create_publisher(VsaCommand, self.robot.command_name, DEPTH)
         self.states = self.create_publisher(ControlState, f"/{self.robot.name}/control", DEPTH)
