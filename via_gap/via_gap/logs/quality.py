@@ -21,11 +21,12 @@ from via_gap.logs.log import JointLog
 from via_gap.logs.noise import STANDARD_ERRORS, LogNoise, log_noise
 
 Interval = tuple[float, float]
-SEGMENT = 0.25  # [s] length of a segment
+SEGMENT = 0.25  # [s] length of a segment of a joint that drifts
+SEGMENTS = {"torque": SEGMENT, "position": 0.75, "servo": 1.5}  # [s] length of a segment by the drive
+SHORT = 0.1  # of a segment of the drive: longest gap in the commands whose effect is linear in the commands it lacks
 TOLERANCE = 0.05  # relative error of device parameters that the motion has to show
 MISSED = 1.5  # periods from which an interval contains a missed sample or command
 REGULAR = 0.5  # share of command intervals near the median from which commands are periodic
-SHORT = 0.1 * SEGMENT  # [s] longest gap in the commands whose effect on a segment is linear in the commands it lacks
 MUCH = 0.1  # share of the time: standard errors grow by 5 % without it
 HALF = 0.5
 WORTH = 1.0  # jitter error over noise: from here jitter is the larger part of the variance
@@ -155,18 +156,19 @@ def _commands(log: JointLog) -> Iterator[_Found]:
     if not gone.size:
         return
     longest, share = float(steps[gone].max()), float(steps[gone].sum() / max(log.duration, period))
-    long = gone[steps[gone] > SHORT]
+    short = SHORT * SEGMENTS[log.device.drive]
+    long = gone[steps[gone] > short]
     lost = float(steps[long].sum() / max(log.duration, period))
     text = (
         f"{gone.size} times a command is missing for longer than {1e3 * MISSED * period:.3g} ms while commands change, "
         f"the longest for {1e3 * longest:.3g} ms; the commands in {100 * share:.2g} % of the time are unknown, which "
         f"counts as noise, and {100 * lost:.2g} % of the time is left out because the gap is longer than "
-        f"{1e3 * SHORT:.3g} ms: record commands where they are sent, with less load"
+        f"{1e3 * short:.3g} ms: record commands where they are sent, with less load"
     )
     cut = tuple((float(time[i]), float(time[i + 1])) for i in long)
-    short = tuple((float(time[i]), float(time[i + 1])) for i in gone if steps[i] <= SHORT)
+    bridged = tuple((float(time[i]), float(time[i + 1])) for i in gone if steps[i] <= short)
     severity: Severity = "downgrade" if lost > MUCH else "note"
-    yield _Found(log.finding("command gaps", "commands", severity, 1e3 * longest, text), cut, short)
+    yield _Found(log.finding("command gaps", "commands", severity, 1e3 * longest, text), cut, bridged)
 
 
 def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
