@@ -10,6 +10,11 @@ came at any time in the interval T between its samples. The simulation has it ha
 times a number that is uniform from -1/2 to 1/2. Half of that variance is in a pulse before the middle, half in one
 after it, each of sd d / sqrt(6): a drive at its torque limit responds to one of them alone.
 
+Where the log has every command, its stamps may still be wrong: they say when a sample was written, not when the command
+was sent. A periodic sender shows by how much: the stamps differ from a smooth clock with standard deviation s. The
+integral of a step of d is then wrong by d s, half of that variance in a pulse before its stamp and half in one after
+it.
+
 The effect of each pulse on a segment, by simulation, joins that of the unknown start (rollout.py).
 """
 
@@ -21,8 +26,10 @@ import numpy as np
 from via_core.signals import Array, Indices
 
 from via_gap.logs.between import steps_of, usual
+from via_gap.logs.noise import clock_of
 from via_gap.residual.segments import Segments, drive_rows, measured_columns
 
+NO_JITTER = 0.01  # of a tick
 GROUPS = 8  # gaps in a segment with pulses of their own, the largest; others share one, with random signs
 
 
@@ -62,11 +69,13 @@ def _lost(segments: Segments) -> tuple[Indices, Array]:
 def _steps(segments: Segments) -> tuple[Indices, Array]:
     """Ticks (g, 2) before and after the middle of each step, and sd (g, N_COMMANDS) of the commands there."""
     log = segments.log
-    if log.lined is None or log.commands is None or len(log.commands) < 3:
+    if log.commands is None or len(log.commands) < 3:
         return np.empty((0, 2), dtype=np.intp), np.empty((0, segments.commands.shape[1]))
     time = log.commands.time
     rows = drive_rows(replace(log, lined=None), time)
     rows[:, measured_columns(log)] = 0.0
+    if log.lined is None:
+        return _late(segments, time, steps_of(rows))
     edges = np.sort(np.concatenate((time, 0.5 * (time[1:] + time[:-1])))) + log.lined - segments.origin
     ticks = np.clip(np.floor(edges * segments.rate + 0.5), 0.0, len(segments.commands)).astype(np.intp)
     halves = np.stack([ticks[:-1], ticks[1:]], axis=1)
@@ -74,3 +83,15 @@ def _steps(segments: Segments) -> tuple[Indices, Array]:
     whole = np.repeat(length[::2] + length[1::2], 2)
     size = np.sqrt(np.divide(whole, 12.0 * length, out=np.zeros_like(length), where=length > 0.0))
     return halves, np.repeat(steps_of(rows), 2, axis=0) * size[:, None]
+
+
+def _late(segments: Segments, time: Array, steps: Array) -> tuple[Indices, Array]:
+    """The same for commands at times (N,) whose stamps are wrong, and the steps (N - 1, N_COMMANDS) between them."""
+    jitter = clock_of(time).jitter
+    there = np.flatnonzero(np.any(steps != 0.0, axis=1)) if jitter * segments.rate > NO_JITTER else np.empty(0, np.intp)
+    at = np.round((time[1:][there] - segments.origin) * segments.rate).astype(np.intp)
+    inside = (at > 0) & (at < len(segments.commands))
+    there, at = there[inside], at[inside]
+    spans = np.concatenate((np.stack([at - 1, at], axis=1), np.stack([at, at + 1], axis=1)))
+    sizes = steps[there] * jitter * segments.rate / np.sqrt(2.0)
+    return spans, np.concatenate((sizes, sizes))
