@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from gap_logs import rigid
+from gap_logs import positioned, rigid
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog
 from via_gap.residual.command_gaps import GROUPS, gap_pulses
@@ -187,3 +187,33 @@ def test_the_largest_steps_have_pulses_of_their_own():
     here = np.searchsorted(segments.begin, largest[1], side="right") - 1
     same = pulses[largest[0], segments.begin[here] : segments.begin[here] + segments.ticks, EXTERNAL]
     assert len(pulses) == GROUPS and len(np.flatnonzero(same)) in (2, 3)
+
+
+def late_stamps(jitter: float) -> Segments:
+    """A position drive under steps of its goal every .4 s at 100 Hz, whose stamps are off by `jitter` [s]."""
+    device, count = positioned(), 1000
+    regular = 0.01 * np.arange(count)
+    goal = np.repeat(np.random.default_rng(6).uniform(-1.0, 1.0, 25), 40)
+    sent = Signals(regular, {"equilibrium": goal}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
+    begin = InitialConditions([goal[0], 0.0, 0.0, 0.0, 0.0, 0.0], seed=4)
+    plant, sensors = JointPlant.from_device(device), Sensors.of_device(device)
+    motion = simulate(plant, sent, regular[-1] + 0.01, 1000.0, sensors, begin).measured
+    stamps = regular + jitter * np.random.default_rng(7).normal(size=count)
+    measured = Signals(regular, {"q": motion["q"][:: len(motion) // count][:count]}, {"q": "rad"})
+    return cut_log(JointLog("late", device, measured, replace(sent, time=stamps)))
+
+
+def test_a_step_whose_stamp_is_wrong_is_known_to_the_jitter_of_the_stamps():
+    segments, jitter = late_stamps(0.0004), 0.0004
+    pulses = gap_pulses(segments)
+    variance = np.sum((pulses / segments.rate) ** 2)
+    steps = np.diff(segments.log.commands["equilibrium"])
+    assert variance == pytest.approx(jitter**2 * np.sum(steps**2), rel=0.2)
+    assert len(gap_pulses(late_stamps(0.0))) == 0
+
+
+def test_steps_with_wrong_stamps_leave_no_more_than_noise():
+    segments = late_stamps(0.0004)
+    known = Rollout.of(segments, np.flatnonzero(segments.valid))
+    errors = np.mean(known.residual(segments.nominal[None])[0] ** 2, axis=1)
+    assert np.mean(errors) < 2.0

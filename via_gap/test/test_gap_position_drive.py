@@ -8,10 +8,11 @@ from via_gap.candidates.covariance import delay_sd
 from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
-from via_gap.residual.nuisance import nuisances
+from via_gap.residual.nuisance import goal_delay, nuisances
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_gap.run.arm_equation import _drive_torque
+from via_gap.selection.experiment import Experiment
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
@@ -107,3 +108,34 @@ def test_an_arm_takes_the_goal_with_its_feedforward():
     expected = 0.4 * np.diff(goal)[:1000] * RATE
     free = np.abs(led[delay + 1 : delay + 1001]) < 4.0  # within the torque limit
     np.testing.assert_allclose((led - plain)[delay + 1 : delay + 1001][free], expected[free], atol=1e-9)
+
+
+@pytest.mark.parametrize("late", [-0.003, 0.0025])
+def test_goals_that_act_between_samples_are_no_gap(late: float):
+    """Goals at 100 Hz act 3 ms before or 2.5 ms after the sample that shows them; the drive has 7.3 ms of delay."""
+    device, rate = positioned(), 100.0
+    time = np.arange(2500) / rate
+    goal = 0.3 + 0.9 * np.sin(2.6 * time) + 0.5 * np.sin(5.1 * time) + 0.3 * np.sin(0.7 * time)
+    acts = Signals(time + 0.01, {"equilibrium": goal}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
+    plant = JointPlant.from_device(device)
+    begin = InitialConditions([goal[0], 0.0, 0.0, 0.0, 0.0, 0.0], seed=2)
+    fast = simulate(plant, acts, time[-1], 2000.0, Sensors.of_device(device), begin).measured
+    shift = round(late * 2000.0)
+    at = (np.arange(50, 2400) * 20 - shift)[: len(fast) // 20 - 60]
+    stamps = fast.time[at] + 0.5 - fast.time[at][0]
+    measured = Signals(stamps, {"q": fast["q"][at]}, {"q": "rad"})
+    shown = Signals(stamps, {"equilibrium": goal[49 : 49 + len(at)]}, acts.units, acts.held)
+    log = JointLog("log", device, measured, shown)
+    experiment = Experiment.of([cut_log(log)], [])
+    found = dict(zip([n.name for n in experiment.fitted.nuisances], experiment.tuned.fit.offsets, strict=True))
+    (delay,) = (n for n in experiment.fitted.nuisances if n.name == "goal delay between samples")
+    assert delay.start * found[delay.name] == pytest.approx(late, abs=0.0005)
+    assert np.mean(experiment.tuned.segments) < 2.0
+    assert experiment.fitted.repaired(experiment.tuned.fit.offsets).servo.delay == device.servo.delay
+
+
+def test_goals_do_not_act_before_they_are_sent():
+    log = recorded(with_integral(0.0, delay=0.0002))
+    (delay,) = goal_delay(log)
+    assert delay.lowest * delay.start == pytest.approx(-0.0002)
+    assert goal_delay(JointLog("log", with_integral(0.0, delay=0.09), log.measured, log.commands))[0].lowest == -1.3

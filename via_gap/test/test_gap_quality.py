@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gap_logs import flexible, log_of, rigid, servo
+from gap_logs import flexible, log_of, positioned, rigid, servo
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import log_noise
@@ -100,6 +100,19 @@ def test_missing_commands_are_noise_and_cut_out_where_they_are_long(clean, missi
     assert gap.value == pytest.approx(apart, abs=0.5)
     assert found.seconds == pytest.approx(used, abs=0.005)
     assert len(found.command_gaps) == short
+
+
+def test_commands_may_be_missing_for_a_tenth_of_a_segment_of_the_drive():
+    """A position drive settles within a longer segment than a motor under torque drifts."""
+    log = log_of(positioned(), (), duration=6.0)
+    gaps = [(k, k + round(0.05 * positioned().sensors.rate)) for k in range(300, len(log.measured) - 200, 250)]
+    keep = np.ones(len(log.measured), dtype=bool)
+    for begin, end in gaps:
+        keep[begin + 1 : end] = False
+    sent = {name: values[keep[: len(values)]] for name, values in log.commands.channels.items()}
+    commands = Signals(log.commands.time[keep[: len(log.commands)]], sent, log.commands.units, log.commands.held)
+    found = quality(changed(log, keep, commands))
+    assert len(found.command_gaps) >= len(gaps) - 1 and len(found.usable) == 1  # commands hardly change in one
 
 
 def test_wrong_stamps_are_weighed_against_the_noise():

@@ -21,7 +21,7 @@ from via_gap.candidates.levers import bending, bent, straightened
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
-from via_gap.residual.nuisance import BOUND, descend
+from via_gap.residual.nuisance import BOUND, descend, lowest_offsets
 from via_gap.residual.residual_model import Asks, ResidualModel
 
 SPARSE = 6  # of so many neighbouring segments two are used for the first fit of the device parameters
@@ -195,8 +195,8 @@ class Axes:
     @property
     def box(self) -> tuple[Array, Array]:
         """(J + p,) lowest and highest coordinates."""
-        bound = np.full(self.count, BOUND)
-        return np.append(-bound, self.low), np.append(bound, self.high)
+        highest = np.full(self.count, BOUND)
+        return np.append(lowest_offsets(self.problem.nuisances), self.low), np.append(highest, self.high)
 
     def _row(self, at: Array) -> Array | None:
         return self.problem.row_or_none(self._effects(at), at[: self.count])
@@ -257,12 +257,13 @@ class Axes:
     def fit(self, here: Point, covariance: Array, sd: Array) -> Fit:
         """The fit at these coordinates; covariance (p, p) and standard deviations sd (p,) over the typical sizes.
 
-        Standard deviations of delays also include what is not known of the commands between samples, and those of all
-        effects the tolerances of the nuisances that they contain.
+        Standard deviations of delays also include what is not known of the commands between samples, unless it was
+        fitted, and those of all effects the tolerances of the nuisances that they contain.
         """
         bends = bending(here.at[self.count :] * self.size, self.levers)
         covariance = bends @ in_units(covariance, sd, self.size) @ bends.T
-        covariance += np.diag(delay_sd(self.problem, self.locations) ** 2)
+        if not self.problem.fits_delay:
+            covariance += np.diag(delay_sd(self.problem, self.locations) ** 2)
         tolerances = self.contained(here.at)[self.held] * self.size @ bends.T
         covariance += tolerances.T @ tolerances
         offsets = here.at[: self.count].copy()

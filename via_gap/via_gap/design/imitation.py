@@ -13,7 +13,7 @@ from via_sim.effects import Effect
 from via_gap.candidates.fit import effect_or_none
 from via_gap.candidates.location import Location
 from via_gap.report.report import Cause
-from via_gap.residual.nuisance import BOUND, descend
+from via_gap.residual.nuisance import BOUND, descend, lowest_offsets
 from via_gap.residual.residual_model import ResidualModel
 
 FREE = 5.0  # standard deviations of a fitted parameter: prior width of the imitating cause
@@ -61,8 +61,11 @@ class TiedCause:
         count, kind = len(offsets), EFFECTS[self.location.name].parameters
         start = np.append(offsets, np.zeros(len(kind)))
         low, high = (
-            np.append(np.full(count, bound), (np.array(ends) - self.values) / self.width)
-            for bound, ends in ((-BOUND, [p.low for p in kind]), (BOUND, [p.high for p in kind]))
+            np.append(bound, (np.array(ends) - self.values) / self.width)
+            for bound, ends in (
+                (lowest_offsets(problem.nuisances), [p.low for p in kind]),
+                (np.full(count, BOUND), [p.high for p in kind]),
+            )
         )
 
         def row(point: Array) -> Array | None:

@@ -195,7 +195,8 @@ def _tried(
     for (true, (problem, own)), (other, _) in ordered:
         if other.includes(true.location):
             continue  # the diagnosis prefers the simpler effect, so the richer one need not fail
-        wrong = problem.per_segment(other.imitated(problem, offsets))
+        begin = np.pad(offsets, (0, len(problem.nuisances) - len(offsets)))  # what belongs to a recording is 0 at first
+        wrong = problem.per_segment(other.imitated(problem, begin))
         score = float(np.mean(np.log1p(wrong) - np.log1p(own)))
         if score < hardest:
             hardest, pair = score, (true.location, other.location)

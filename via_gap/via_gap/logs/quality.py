@@ -158,17 +158,17 @@ def _commands(log: JointLog) -> Iterator[_Found]:
     if not gone.size:
         return
     longest, share = float(steps[gone].max()), float(steps[gone].sum() / max(log.duration, period))
-    short = steps[gone] <= SHORT * SPANS[log.device.drive]
-    long = gone[~short]
+    short = SHORT * SPANS[log.device.drive]
+    long = gone[steps[gone] > short]
     lost = float(steps[long].sum() / max(log.duration, period))
     text = (
         f"{gone.size} times a command is missing for longer than {1e3 * MISSED * period:.3g} ms while commands change, "
         f"the longest for {1e3 * longest:.3g} ms; the commands in {100 * share:.2g} % of the time are unknown, which "
         f"counts as noise, and {100 * lost:.2g} % of the time is left out because the gap is longer than "
-        f"{1e3 * SHORT * SPANS[log.device.drive]:.3g} ms: record commands where they are sent, with less load"
+        f"{1e3 * short:.3g} ms: record commands where they are sent, with less load"
     )
     cut = tuple((float(time[i]), float(time[i + 1])) for i in long)
-    bridged = tuple((float(time[i]), float(time[i + 1])) for i in gone[short])
+    bridged = tuple((float(time[i]), float(time[i + 1])) for i in gone if steps[i] <= short)
     severity: Severity = "downgrade" if lost > MUCH else "note"
     yield _Found(log.finding("command gaps", "commands", severity, 1e3 * longest, text), cut, bridged)
 

@@ -15,6 +15,11 @@ came at any time in the interval T between its samples. The simulation has it ha
 times a number that is uniform from -1/2 to 1/2. Half of that variance is in a pulse before the middle, half in one
 after it, each of sd d / sqrt(6): a drive at its torque limit responds to one of them alone.
 
+Where the log has every command, its stamps may still be wrong: they say when a sample was written, not when the command
+was sent. A periodic sender shows by how much: the stamps differ from a smooth clock with standard deviation s. The
+integral of a step of d is then wrong by d s, half of that variance in a pulse before its stamp and half in one after
+it.
+
 The effect of each pulse on a segment, by simulation, joins that of the unknown start (rollout.py).
 """
 
@@ -28,9 +33,11 @@ import numpy as np
 from via_core.signals import Array, Indices
 
 from via_gap.logs.between import steps_of, usual
+from via_gap.logs.noise import clock_of
 from via_gap.logs.quality import SEGMENT, SHORT
 from via_gap.residual.segments import ROUNDED, Segments, drive_rows, measured_columns
 
+NO_JITTER = 0.01  # of a tick
 GROUPS = 8  # gaps in a segment with pulses of their own, the largest; others share one, with random signs
 
 
@@ -84,13 +91,16 @@ def _lost(segments: Segments) -> Iterator[_Pulse]:
 
 
 def _steps(segments: Segments) -> Iterator[_Pulse]:
-    """Pulses before and after the middle of each step between two samples."""
+    """Pulses before and after the middle of each step between two samples, or before and after its wrong stamp."""
     log = segments.log
-    if log.lined is None or log.commands is None or len(log.commands) < 3:
+    if log.commands is None or len(log.commands) < 3:
         return
     time = log.commands.time
     rows = drive_rows(replace(log, lined=None), time)
     rows[:, measured_columns(log)] = 0.0
+    if log.lined is None:
+        yield from _late(segments, time, steps_of(rows))
+        return
     edges = np.sort(np.concatenate((time, 0.5 * (time[1:] + time[:-1])))) + log.lined - segments.origin
     ticks = np.clip(np.floor(edges * segments.rate + 0.5), 0.0, len(segments.commands)).astype(np.intp)
     length = np.diff(ticks).astype(float)
@@ -99,3 +109,15 @@ def _steps(segments: Segments) -> Iterator[_Pulse]:
     sizes = np.repeat(steps_of(rows), 2, axis=0) * size[:, None]
     for k in np.flatnonzero(sizes.any(axis=1)):
         yield _Pulse(ticks[k : k + 2], sizes[k : k + 1])
+
+
+def _late(segments: Segments, time: Array, steps: Array) -> Iterator[_Pulse]:
+    """Pulses for the steps (N - 1, N_COMMANDS) between commands at times (N,) [s] whose stamps are wrong."""
+    jitter = clock_of(time).jitter
+    if jitter * segments.rate <= NO_JITTER:
+        return
+    at = np.round((time[1:] - segments.origin) * segments.rate).astype(np.intp)
+    for k in np.flatnonzero(np.any(steps != 0.0, axis=1) & (at > 0) & (at < len(segments.commands))):
+        size = steps[k : k + 1] * jitter * segments.rate / np.sqrt(2.0)
+        yield _Pulse(np.array([at[k] - 1, at[k]]), size)
+        yield _Pulse(np.array([at[k], at[k] + 1]), size)

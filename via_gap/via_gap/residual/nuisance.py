@@ -5,8 +5,9 @@ effect nor compensated by one. They are bounded, because both views have a trivi
 and because a parameter far from its filed value is a finding. The device with its fitted parameters and the named
 effects is the repaired model.
 
-A position drive with integral action has one more: the torque of its integral when the recording began. It belongs to
-the recording, so that no repaired device contains it.
+Two more belong to the recording, so that no repaired device contains them. A position drive with integral action has
+the torque of its integral when the recording began. And a goal acts at some time between the sample that shows it and
+the next, or the one before: up to half a sample of delay is known neither from the log nor from the device file.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ from via_sim.effects.device_numbers import DeviceNumber, numbers_of
 from via_sim.joint.parameters import POSITION_DRIVE, P
 from via_sim.plants import JointPlant
 
+from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
+from via_gap.logs.log import JointLog
+
 _SPRINGS = {"linear": ("stiffness",), "cubic": ("coefficient",), "odd_polynomial": ("odd_coefficients",)}
 _SHAPES = {"odd_polynomial": ("odd_coefficients",), "sinh": ("a",)}
 LARGE_ERROR = 1.0  # [rad] whose torque an integral without a limit may have at most
@@ -35,10 +39,12 @@ class Nuisance(DeviceNumber):
 
     tolerance  relative standard deviation
     start      standard deviation, in its unit, of what differs between recordings; 0 for device parameters
+    lowest     smallest offset
     """
 
     tolerance: float
     start: float = 0.0
+    lowest: float = -BOUND
 
     def apply(self, row: Array, offset: float) -> None:
         """Move it in a row in place, by an offset in standard deviations."""
@@ -68,6 +74,24 @@ def _integral_start(row: Array) -> tuple[Nuisance, ...]:
         return ()
     most = min(row[P.integral_limit], row[P.drive_torque_limit], row[P.drive_stiffness] * LARGE_ERROR)
     return (Nuisance("servo integral at the start", "N m", 0.0, (P.integral_start,), 1.0, 1.0, float(most) / BOUND),)
+
+
+def goal_delay(log: JointLog) -> tuple[Nuisance, ...]:
+    """Delay of the goals of a position drive beside that of its device file, by what is not known between samples.
+
+    The drive itself may be faster than its file states, but never acts before its command.
+    """
+    servo = log.device.servo
+    if servo is None:
+        return ()
+    sd = (STEPS_SD if log.lined is None else LATE_SD) * period_of(log)
+    lowest = -min(BOUND, servo.delay / sd)
+    return (Nuisance("goal delay between samples", "s", 0.0, (P.delay,), 1.0, 1.0, sd, lowest),)
+
+
+def lowest_offsets(each: tuple[Nuisance, ...]) -> Array:
+    """(J,) smallest offsets; the largest are BOUND."""
+    return np.array([nuisance.lowest for nuisance in each])
 
 
 def _tolerance(known: Tolerances, name: str) -> float:

@@ -20,7 +20,16 @@ from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 
 from via_gap.residual.inverse_dynamics import InverseDynamics
-from via_gap.residual.nuisance import BOUND, Nuisance, apply_all, descend, nuisances, repaired_device
+from via_gap.residual.nuisance import (
+    BOUND,
+    Nuisance,
+    apply_all,
+    descend,
+    goal_delay,
+    lowest_offsets,
+    nuisances,
+    repaired_device,
+)
 from via_gap.residual.rollout import Rollout, residuals
 from via_gap.residual.segments import Segments
 
@@ -53,7 +62,8 @@ class ResidualModel:
         """The model of the segments `chosen` (indices, one array per log) in a view."""
         views = tuple(view(each, which) for each, which in zip(segments, chosen, strict=True) if len(which))
         nominal = ResidualModel.of_plant(JointPlant.from_device(segments[0].log.device))
-        return replace(nominal, views=views, robust=robust)
+        known = (*nominal.nuisances, *goal_delay(segments[0].log))
+        return replace(nominal, views=views, nuisances=known, robust=robust)
 
     @staticmethod
     def of_plant(plant: JointPlant) -> ResidualModel:
@@ -63,6 +73,11 @@ class ResidualModel:
     @property
     def device(self) -> Device:
         return self.plant.device
+
+    @property
+    def fits_delay(self) -> bool:
+        """Whether the delay of commands between samples is one of the nuisances."""
+        return any(P.delay in each.slots for each in self.nuisances)
 
     def repaired(self, offsets: Array) -> Device:
         """The device with offsets (J,) [sd] of its parameters."""
@@ -236,14 +251,14 @@ class ResidualModel:
 
     def fit_nuisances(self, effects: Sequence[Effect], offsets: Array, rounds: int = 3) -> tuple[Array, Array]:
         """Offsets (J,) fitted inside their bounds from `offsets` by Gauss-Newton, and their residual (R,)."""
-        bound = np.full(len(offsets), BOUND)
+        low, high = lowest_offsets(self.nuisances), np.full(len(offsets), BOUND)
         residual = self.residual([self.row(effects, offsets)])[0]
         for _ in range(rounds):
             jacobian = self.nuisance_jacobian(effects, offsets, residual)
             pull = self.weights(residual)
             slopes = jacobian * pull[:, None]
             normal = slopes.T @ slopes + np.eye(len(offsets))
-            wanted = descend(normal, slopes.T @ (slopes @ offsets - residual * pull), offsets, -bound, bound)
+            wanted = descend(normal, slopes.T @ (slopes @ offsets - residual * pull), offsets, low, high)
             value = self.loss(residual) + offsets @ offsets
             for share in (1.0, 0.5, 0.1):
                 trial = offsets + share * (wanted - offsets)

@@ -109,7 +109,8 @@ class Decision:
 
 def _converged(model: Evaluation, experiment: Experiment, scales: Scales, verdict: Verdict) -> Evaluation:
     fit = converged(experiment.fitted, model.fit, scales)
-    bounded = np.diag(delay_sd(experiment.fitted, fit.locations) ** 2)  # by half a sample: it has its width
+    unknown = delay_sd(experiment.fitted, fit.locations) ** 2  # by half a sample: it has its width
+    bounded = np.diag(np.minimum(unknown, np.diag(fit.covariance)))
     covariance = reliability.widened(np.array(fit.values), fit.covariance - bounded, verdict) + bounded
     fit = replace(fit, covariance=covariance)
     return experiment.compare([fit], scales)[0]
