@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_logs import positioned
 from via_core.signals import Signals
-from via_gap.candidates.covariance import delay_sd
+from via_gap.candidates.covariance import delay_sd, unfitted_delay_sd
 from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
@@ -95,6 +95,8 @@ def test_a_feedforward_is_known_to_half_a_sample_at_best():
     model = ResidualModel.of([cut_log(recorded(positioned()))], [np.arange(2)])
     (found,) = delay_sd(model, [Location("velocity_feedforward", "motor", 1)])
     assert found == pytest.approx(0.5 / 1.96 / RATE * 12.0 / 0.4)
+    late = [Location(name, "command", 0) for name in ("actuator_delay", "actuator_lag")]
+    assert unfitted_delay_sd(model, late) == pytest.approx([0.0, 0.5 / 1.96 / RATE])
 
 
 def test_an_arm_takes_the_goal_with_its_feedforward():

@@ -53,6 +53,16 @@ def delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
     return np.array([sds.get(location.name, 0.0) for location in locations for _ in location.parameters])
 
 
+def unfitted_delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
+    """(p,) the same without the delay of a position drive, whose sum with that of its goals was fitted.
+
+    Effects that only resemble a delay keep theirs: the fit moves goals by less than half a sample.
+    """
+    fitted = {"actuator_delay"} if problem.fits_delay else set()
+    own = [location.name not in fitted for location in locations for _ in location.parameters]
+    return np.where(own, delay_sd(problem, locations), 0.0)
+
+
 def clusters(problem: ResidualModel) -> list[Indices]:
     """Divisions of the segments, (S,) indices each: neighbours, and quarters by each quantity of their motion.
 

@@ -16,7 +16,7 @@ from via_sim.effects import Effect
 
 from via_gap.candidates.bounds import bounds_of
 from via_gap.candidates.containment import contained
-from via_gap.candidates.covariance import covariance_of, delay_sd, in_units
+from via_gap.candidates.covariance import covariance_of, in_units, unfitted_delay_sd
 from via_gap.candidates.levers import bending, bent, straightened
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
@@ -262,8 +262,7 @@ class Axes:
         """
         bends = bending(here.at[self.count :] * self.size, self.levers)
         covariance = bends @ in_units(covariance, sd, self.size) @ bends.T
-        if not self.problem.fits_delay:
-            covariance += np.diag(delay_sd(self.problem, self.locations) ** 2)
+        covariance += np.diag(unfitted_delay_sd(self.problem, self.locations) ** 2)
         tolerances = self.contained(here.at)[self.held] * self.size @ bends.T
         covariance += tolerances.T @ tolerances
         offsets = here.at[: self.count].copy()
