@@ -9,10 +9,9 @@ with R the variance of the encoder's rounding. Torque noise, constant over a ste
 Parameters are random walks, at rates that the user declares: `spring_change` of the spring law's scale, `motor_change`
 of inertia, damping and dry friction.
 
-A filter pauses while the deflection does not change, or its motor sticks: dry friction then has no known value. A motor
-sticks if it turns by less than CLEAR encoder steps in the time that these take at `friction_velocity`, below which the
-model's friction is not reached. Then it restarts with its parameters, at the measured angle and an unknown velocity. A
-filter that has diverged (numbers that are not finite or out of all proportion) starts anew from the prior.
+A filter pauses while the joint does not move, since a motor that sticks does not obey the model. Then it restarts with
+its parameters, at the measured angle and an unknown velocity. A filter that has diverged (numbers that are not finite
+or out of all proportion) starts anew from the prior.
 
 Standard deviations also include the declared uncertainty of the torque's scale and the truncation of the basis, as in
 `modulated_torque`. Not included: a delay of the torque, and what the first order (or the sigma points) leaves out.
@@ -44,16 +43,14 @@ INERTIA_KNOWN = 0.3  # relative standard deviation of a device file's inertia: i
 FASTEST = 10.0  # [rad/s] standard deviation of the velocity at the start
 LONGEST = 2e-3  # [s] of one time step of the model; longer intervals are divided
 LARGEST = 1e15  # no number of a filter in SI units is as large
-CLEAR = 2.0  # [encoder steps] by which a motor turns if it moves
 SURE = 2.0  # standard deviations by which the inverse of inertia, by which the others are divided, must be positive
 # Followed by the prior means (n,) and standard deviations (n,) of the state.
 P = slots(
     "length", "transmissions", "even_terms", "max_gap", "torque_noise", "position_noise", "minimum_motion",
     "range_margin", "truncation", "spring_change", "motor_change", *MODEL._fields[:-1],
 )  # fmt: skip
-# Of each transmission, before x and P: steps from which it has learned, 1 while its filter runs; angle of the motor
-# when it had last turned by CLEAR encoder steps [rad], and that time [s].
-KEPT = slots("learned", "running", "angle", "turned", after=VISITED)
+# Of each transmission, before x and P: steps from which it has learned, 1 while its filter runs.
+KEPT = slots("learned", "running", after=VISITED)
 ROW = slots("time", "q")  # of the joint: last sample
 
 
@@ -66,8 +63,12 @@ class MotorKalmanParameters(Parameters):
     order: int = parameter(3, "odd terms of the spring law", "-", 1, MOST_TERMS)
     even_terms: int = parameter(0, "even terms in addition, the constant first", "-", 0, MOST_TERMS)
     truncation: float = parameter(1.0, "truncation error over the last term; 0: the basis is exact", "-", 0.0, 10.0)
-    spring_change: float = parameter(0.003, "random walk of the spring law, relative", "1/sqrt(s)", 0.0, 10.0)
-    motor_change: float = parameter(0.001, "random walk of inertia and friction, relative", "1/sqrt(s)", 0.0, 10.0)
+    spring_change: float = parameter(
+        0.003, "relative change of the spring law after 1 s, a random walk", "1/sqrt(s)", 0.0, 10.0
+    )
+    motor_change: float = parameter(
+        0.001, "relative change of inertia and friction after 1 s, a random walk", "1/sqrt(s)", 0.0, 10.0
+    )
     max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
     deflection_scale: float = parameter(1.0, "deflection at which all terms have equal weight", "rad", 1e-3, 10.0)
     stiffness_prior: float = parameter(0.0, "stiffness per transmission before any data", "N m/rad", 0.0, 1e9)
@@ -277,11 +278,8 @@ def begin(par: Array, state: Array, sample: Array, i: int, joint: Array, given: 
     ring[i, int(state[HEADER.slot])] = sample[1] - theta
     moved = window.span_of(ring[i]) if full else 0.0
     joint[JOINT.motion] = min(joint[JOINT.motion], moved)
-    clear, n = CLEAR * sqrt(12.0) * par[P.position_noise], x.size
-    if abs(theta - kept[KEPT.angle]) > clear:
-        kept[KEPT.angle], kept[KEPT.turned] = theta, sample[0]
-    slow = max(clear / par[P.friction_velocity], 2.0 * elapsed)
-    moving = full and moved >= par[P.minimum_motion] and sample[0] - kept[KEPT.turned] <= slow
+    moving = full and moved >= par[P.minimum_motion]
+    n = x.size
     drift(x, covariance, elapsed, par[P.spring_change], par[P.motor_change], par[P.size + n : P.size + 2 * n])
     pieces = 0
     if moving and kept[KEPT.running] > 0.0:
