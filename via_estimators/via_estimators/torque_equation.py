@@ -33,7 +33,7 @@ QUANTUM = sqrt(12.0)  # encoder step over the standard deviation of its rounding
 P = slots(
     "length", "transmissions", "order", "even_terms", "memory", "max_gap", "torque_noise", "position_noise",
     "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
-    "torque_scale_deviation", "steadiness", "preset_terms", "stop",
+    "torque_scale_deviation", "steadiness", "preset_terms",
 )  # fmt: skip
 # Followed by the coefficients of the spring law, those in proportion to the preset last. Dry friction is the sum of the
 # four from `friction` to `long` where the motor moves; `stuck` is its part in proportion to the deflection elsewhere.

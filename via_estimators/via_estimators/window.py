@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from math import isfinite
 
-import numpy as np
 from numba import njit
 from via_core.signals import Array
 from via_core.status import WARMING_UP
@@ -178,9 +177,3 @@ def span_of(values: Array) -> float:
     for k in range(4 * quarter, values.size):
         low, high = min(low, values[k]), max(high, values[k])
     return high - low
-
-
-@njit(cache=True, error_model="numpy")
-def within(values: Array, furthest: float) -> bool:
-    """Whether no value (L,) is further from 0 than that."""
-    return np.max(np.abs(values)) <= furthest
