@@ -370,7 +370,9 @@ def test_standard_deviations_match_empirical_ones_with_noise_on_angles(joints):
 def test_encoder_noise_through_the_spring_is_included():
     """Residuals are mostly noise through psi''; errors of B and D come from sigma(phi) n through psi."""
     rows, _ = planted()
-    estimator = ModulatedTorque(replace(ONE.parameters, truncation=0.0, torque_noise=0.01, position_noise=1e-3))
+    sensors = {"torque_noise": 0.01, "position_noise": 1e-3}
+    # Doubt about the delay is doubt about damping.
+    estimator = ModulatedTorque(replace(ONE.parameters, truncation=0.0, delay_deviation=3e-3, **sensors))
     found, reported = [], []
     for seed in range(60):
         rng, noisy = np.random.default_rng(seed), rows.copy()

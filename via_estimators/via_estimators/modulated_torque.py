@@ -121,7 +121,7 @@ class ModulatedTorqueParameters(Parameters):
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
     loss_prior: float = parameter(0.0, "damping of a transmission before any data", "N m s/rad", 0.0, 1e4)
     loss_deviation: float = parameter(3.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
-    delay_deviation: float = parameter(0.006, "standard deviation of the torque's delay before data", "s", 1e-9, 1.0)
+    delay_deviation: float = parameter(0.01, "standard deviation of the torque's delay before data", "s", 1e-9, 1.0)
     constant_deviation: float = parameter(300.0, "standard deviation of the constant before any data", "N m", 1e-9, 1e9)
     gear_deviation: float = parameter(0.1, "standard deviation of a gear's friction over its load", "-", 1e-9, 1.0)
     creep_deviation: float = parameter(10.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
