@@ -123,3 +123,42 @@ def test_standard_deviations_match_the_scatter_between_seeds():
     reported = np.sqrt(np.mean([each.standard_deviation[looks, 0] ** 2 for each in runs], axis=0))
     ratio = np.sqrt(np.mean(reported**2) / np.mean(scatter**2))
     assert 0.8 < ratio < 1.25
+
+
+def sticking(friction, count=9000):
+    """Rows of a motor that a controller moves and that sticks at each reversal, with dry friction [N m]; 50 N m/rad.
+
+    Integrated in steps of .1 ms; the impulse of dry friction stops the motor and does not turn it back.
+    """
+    q = w = theta = omega = torque = 0.0
+    rows, h, rng = np.empty((count, 4)), 1e-4, np.random.default_rng(1)
+    for k in range(count):
+        t = 1e-3 * k
+        rows[k] = t, q, theta, torque
+        turn = 2.0 * np.pi * t * min(t, 1.0)
+        aim, push = 0.13 * np.sin(0.7 * turn) + 0.05 * np.sin(1.7 * turn), 0.5 * np.sin(1.1 * turn)
+        torque = 150.0 * (aim - theta) - 6.0 * omega
+        for _ in range(10):
+            spring = 50.0 * (q - theta)
+            w += h * (push - spring - 0.1 * w) / 0.15
+            omega += h * (torque + spring - DAMPING * omega) / INERTIA
+            omega -= np.clip(omega, -h * friction / INERTIA, h * friction / INERTIA)
+            q, theta = q + h * w, theta + h * omega
+    rows[:, 1:3] = 1e-4 * np.round(rows[:, 1:3] / 1e-4)
+    rows[:, 3] += 0.02 * rng.normal(size=count)
+    return rows
+
+
+def test_a_motor_that_sticks_for_a_part_of_a_window_does_not_bias_the_stiffness():
+    """Dry friction is constant where the motor moves, not where it rests."""
+    known = replace(
+        PLAIN, terms=1, friction_prior=0.2, friction_deviation=0.4, stiffness_prior=50.0, torque_noise=0.02,
+        position_noise=1e-4 / np.sqrt(12.0),
+    )  # fmt: skip
+    rows = sticking(1.0)
+    _, estimates = UnknownInputObserver(known).run_rows(rows)
+    late = (rows[:, 0] > 4.0) & (estimates.status == Status.OK)
+    value, sd = estimates.column("stiffness")
+    assert late.sum() > 3000
+    error = np.abs(value[late] - 50.0)
+    assert error.max() < 0.002 * 50.0 and np.mean(error <= 1.96 * sd[late]) > 0.9

@@ -1,6 +1,7 @@
 """Gaussian estimates in place: mean x (n,) and covariance P (n, n), their mixture and correction.
 
-Loops run along rows of P, which is symmetric, so that they are compiled to vector instructions.
+Loops run along rows of P, so that they are compiled to vector instructions. P stays symmetric to the last bit, since
+each product with i and k has the same bits with k and i.
 """
 
 from __future__ import annotations
@@ -37,9 +38,11 @@ def mix(x: Array, P: Array, weight: float, other: Array, cover: Array) -> None:
 def times(P: Array, row: Array, product: Array) -> None:
     """Write P row of a symmetric P (n, n) into product (n,)."""
     product[:] = 0.0
-    for k in range(row.size):
-        for i in range(row.size):
-            product[i] += row[k] * P[k, i]
+    n = row.size
+    for k in range(n):
+        factor = row[k]
+        for i in range(n):
+            product[i] += factor * P[k, i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -53,17 +56,17 @@ def correct(
     ahead            (n,) P row, overwritten by the gain
     left             (n,) overwritten
     """
-    n = x.size
+    n, per = x.size, 1.0 / variance
     for i in range(n):
-        gain = ahead[i] / variance
-        x[i] += gain * innovation
+        own = ahead[i]
+        x[i] += own * per * innovation
         for k in range(n):
-            P[i, k] -= gain * ahead[k]
+            P[i, k] -= own * ahead[k] * per
     times(P, row, left)
     for i in range(n):
-        ahead[i] /= variance
-        left[i] = error * ahead[i] - left[i]
+        ahead[i] *= per
+        left[i] = 0.5 * (error * ahead[i] - left[i])
     for i in range(n):
-        for k in range(i + 1):
-            P[i, k] += 0.5 * (left[i] * ahead[k] + left[k] * ahead[i])
-            P[k, i] = P[i, k]
+        own, other = ahead[i], left[i]
+        for k in range(n):
+            P[i, k] += other * ahead[k] + left[k] * own

@@ -14,7 +14,8 @@ against each other) also needs 0, 2, 4, .. In a serial joint motor 2 sets the st
 a_p + b_p theta_2, as the lever mechanisms have it. With a_p alone a preset that swings would be a spring that changes
 all the time, and a third of the estimates were wrong.
 
-The delay also enters to second order, with the present estimate of d: the right side is less by d^2 <tau, psi''> / 2.
+The delay also enters to second order, with the present estimate of d: the right side is less by
+(1/2 - s) d^2 <tau, psi''>. The unknown s is 0 for a pure delay and 1/2 for the low-pass filter of a drive.
 
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F, d and the damping g of the transmission, that of its damper or of the material of its spring, are unknowns; the
@@ -74,14 +75,14 @@ from via_estimators.contract import Estimator, Kernel, Parameters, expect, param
 from via_estimators.modulated_priors import loss_of, window_for
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, terms_for
-from via_estimators.torque_equation import COLUMNS, PHI, PRESET, QUANTUM, TAU, THETA, P, U
+from via_estimators.torque_equation import COLUMNS, LAG, PHI, PRESET, QUANTUM, TAU, THETA, P, U
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
-EFFECTS = (U.long, U.short, U.loss, U.gear, U.hysteresis, U.creep, U.play)  # that may be absent
+EFFECTS = (U.long, U.short, U.loss, U.lag, U.gear, U.hysteresis, U.creep, U.play)  # that may be absent
 # Not negative, since friction and relaxation dissipate energy. Constant dry friction may be, where a drive compensates
 # too much of it, and so may both dampings, which a link angle of another time turns into each other.
 PASSIVE = (U.short, U.long, U.gear, U.hysteresis, U.creep)
@@ -120,9 +121,7 @@ class ModulatedTorqueParameters(Parameters):
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
     loss_prior: float = parameter(0.0, "damping of a transmission before any data", "N m s/rad", 0.0, 1e4)
     loss_deviation: float = parameter(3.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
-    delay_deviation: float = parameter(
-        0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
-    )
+    delay_deviation: float = parameter(0.01, "standard deviation of the torque's delay before data", "s", 1e-9, 1.0)
     constant_deviation: float = parameter(300.0, "standard deviation of the constant before any data", "N m", 1e-9, 1e9)
     gear_deviation: float = parameter(0.1, "standard deviation of a gear's friction over its load", "-", 1e-9, 1.0)
     creep_deviation: float = parameter(10.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
@@ -193,7 +192,7 @@ class ModulatedTorque(Estimator):
         shared = own.friction_deviation / sqrt(3.0)  # by the frictions that do not depend on speed
         width[: U.size] = (
             own.inertia_deviation, own.damping_deviation, shared, own.friction_deviation, shared, shared, 1.0,
-            own.loss_deviation, own.delay_deviation, 1.0, own.gear_deviation, own.friction_deviation,
+            own.loss_deviation, own.delay_deviation, LAG, 1.0, own.gear_deviation, own.friction_deviation,
             own.creep_deviation, own.play_deviation,
         )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
@@ -369,7 +368,8 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             before = slot - 1 if slot > 0 else length - 1
             if varied > 0:  # where it is not measured, it stays
                 ring[i, PRESET, slot] = rows[k, 4] if isfinite(rows[k, 4]) else ring[i, PRESET, before]
-            torque_equation.slide(ring[i], before if entered == window.TAKEN else -1, slot, times[slot] - times[before])
+            last, travel = before if entered == window.TAKEN else -1, torque_equation.travel(par, parts[i])
+            torque_equation.slide(ring[i], last, slot, times[slot] - times[before], travel)
         full = state[HEADER.filled] == length
         schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
         due = full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1

@@ -16,7 +16,8 @@ Departures:
   - w and v give one equation each. Their noise is that of encoders and torques in the observer, times a level that
     follows from the innovations;
   - dry friction F of the motor, an unknown of the same equations, acts against the motion. A window in which the motor
-    may stick or reverse gives no equation;
+    may reverse gives no equation. For the share u of a window, the longest time in which the angle does not advance by
+    an encoder step, the motor may stick; then friction is unknown within -F..F, which is noise (`_sticking`);
   - least squares forget with `memory` while there is motion; what is forgotten is replaced by the prior, so that no
     direction is without information;
   - standard deviations include the tolerances of B and D, by the sensitivity of the solution.
@@ -50,6 +51,7 @@ from via_estimators.window import HEADER
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 SPAN = 0.1  # [s] of a window: encoder noise is then below torque noise, and a motor seldom reverses within
 CLEAR = 2.0  # [encoder steps] that a motor must turn in either half of a window, and may turn back
+EDGE = 36.0  # square of the slope over a window, times its span, that a short step of mean 1 at one of its ends has
 NOISE_MEMORY = 10.0  # [s] over which the noise levels are averaged
 KNOWN = 10.0  # equations that the declared noise counts for
 # Followed by the means (n,) and the standard deviations (n,) of the prior: spring law, then friction.
@@ -59,8 +61,11 @@ P = slots(
     "truncation",
 )  # fmt: skip
 # Of a transmission: whether the last window was informative and its range [rad]; equations taken; end of the last
-# window used [s]; weight, and squares of the innovations over their variances, of w and of v.
-KEPT = slots("moving", "moved", "taken", "time", "weight", "power_w", "power_v", after=VISITED)
+# window used [s]; weight, and squares of the innovations over their variances, of w and of v; angle that is one encoder
+# step ahead of the one before [rad], its time in the present window and the longest time up to it [s].
+KEPT = slots(
+    "moving", "moved", "taken", "time", "weight", "power_w", "power_v", "mark", "marked", "longest", after=VISITED
+)
 
 
 @dataclass(frozen=True)
@@ -196,6 +201,33 @@ def _direction(par: Array, now: Array) -> float:
     return 1.0 if first > 0.0 else -1.0
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _follow(kept: Array, now: Array, quantum: float) -> None:
+    """Note the longest time in which the motor did not advance by an encoder step `quantum` [rad]."""
+    if now[NOW.count] == 1.0:
+        kept[KEPT.mark], kept[KEPT.marked], kept[KEPT.longest] = now[NOW.last], 0.0, 0.0
+    kept[KEPT.longest] = max(kept[KEPT.longest], now[NOW.age] - kept[KEPT.marked])
+    if abs(now[NOW.last] - kept[KEPT.mark]) > 0.5 * quantum:
+        kept[KEPT.mark], kept[KEPT.marked] = now[NOW.last], now[NOW.age]
+
+
+@njit(cache=True, error_model="numpy")
+def _sticking(par: Array, part: Array, span: float, x: Array) -> float:
+    """Variance [(N m)^2] of the mean friction over the window of `span` [s], in a part of which the motor may stick."""
+    kept, _, information, right = _views(part, int(par[P.terms]))
+    n = right.size
+    mean, width = par[P.size + n - 1], par[P.size + 2 * n - 1]
+    qr.solve_triangular(information[:, :n], right, x)
+    friction = mean + width * x[n - 1]
+    x[:] = 0.0
+    x[n - 1] = width
+    qr.solve_transposed(information[:, :n], x, x)
+    square = friction * friction
+    for j in range(n):
+        square += x[j] * x[j]
+    return square * (kept[KEPT.longest] / span) ** 2
+
+
 @njit(cache=True, error_model="numpy")
 def _forget(kept: Array, information: Array, right: Array, time: float, memory: float, row: Array) -> None:
     """Give older equations the weight exp(-elapsed / memory), and the prior the rest of the information."""
@@ -233,12 +265,13 @@ def _learn(par: Array, part: Array, time: float, found: Array, row: Array, x: Ar
     bend = (found[0, 0] - par[P.damping] * velocity) / par[P.inertia]
     jerk = (found[1, 0] - par[P.damping] * bend) / par[P.inertia]
     kept[KEPT.weight] += 1.0
+    sticking = _sticking(par, part, span, x)
     for k in range(2):
         torque = par[P.torque_noise] ** 2 / count * (OVER_MEAN if k == 0 else 12.0 * OVER_SLOPE / span**2)
         power = KEPT.power_w if k == 0 else KEPT.power_v
         noise = variances[k] * par[P.position_noise] ** 2 + torque
         level = kept[power] / (kept[KEPT.weight] - 1.0)
-        sd = sqrt(noise * level)
+        sd = sqrt(noise * level + sticking * (1.0 if k == 0 else EDGE / span**2))
         y = found[k, 0] - found[k, 1]  # B omega' + D omega - tau = tau_e - F sign(omega)
         for j in range(n):
             factor = found[k, OWN + j] if j < terms else (-direction if k == 0 else 0.0)
@@ -254,7 +287,7 @@ def _learn(par: Array, part: Array, time: float, found: Array, row: Array, x: Ar
         innovation = y
         for j in range(n):
             innovation -= row[j] * x[j]
-        kept[power] += level * innovation * innovation / doubt
+        kept[power] += level * (1.0 + noise * level / (sd * sd) * (innovation * innovation / doubt - 1.0))
         qr.rotate_in(information, right, row, y, 0)
     kept[KEPT.taken] += 2.0
 
@@ -327,13 +360,10 @@ def _advance(each: Array, state: Array, rows: Array, out: Array) -> int:
     value, sd = window.outputs(state, 1 + m)
     at = HEADER.size + 2 * value.size
     times, parts = state[at : at + int(par[P.length])], state[at + int(par[P.length]) :].reshape(m, _part_size(terms))
+    quantum = sqrt(12.0) * par[P.position_noise]
     joint, basis, found = np.empty(JOINT.size), np.empty((3, terms)), np.empty((2, OWN + terms))
-    row, equation, x, slope = (
-        np.empty(STEPS + OWN + terms),
-        np.empty(terms + 3),
-        np.empty(terms + 1),
-        np.empty(terms + 1),
-    )
+    row, equation = np.empty(STEPS + OWN + terms), np.empty(terms + 3)
+    x, slope = np.empty(terms + 1), np.empty(terms + 1)
     for k in range(rows.shape[0]):
         before = state[HEADER.last]
         entered = transmissions.enter(state, times, rows[k], 2, FURTHEST * par[P.deflection_scale], par[P.max_gap])
@@ -348,11 +378,13 @@ def _advance(each: Array, state: Array, rows: Array, out: Array) -> int:
             if entered == window.RESTARTED:
                 part[KEPT.moving] = part[KEPT.moved] = 0.0
                 observer.begin(observed, theta, phi, basis[0])
+                _follow(part, observed, quantum)
             else:
                 observer.advance(
                     observed, own[P.inertia], own[P.damping], rows[k, 0] - before, theta, phi, rows[k, 3 + 2 * i],
                     basis[0], 0.5 * (par[P.length] + 1.0), row,
                 )  # fmt: skip
+                _follow(part, observed, quantum)
                 if observed[NOW.count] >= par[P.length]:
                     part[KEPT.moved] = observed[NOW.high] - observed[NOW.low]
                     part[KEPT.moving] = 1.0 if part[KEPT.moved] >= par[P.minimum_motion] else 0.0
@@ -361,6 +393,7 @@ def _advance(each: Array, state: Array, rows: Array, out: Array) -> int:
                         transmissions.visit(part, observed[NOW.low])
                         transmissions.visit(part, observed[NOW.high])
                     observer.begin(observed, theta, phi, basis[0])
+                    _follow(part, observed, quantum)
             _report(own, part, phi, i, value, sd, joint, basis, x, slope)
         transmissions.finish(joint, state, value, sd, out[k])
     return int(out[-1, 1])
