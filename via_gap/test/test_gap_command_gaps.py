@@ -8,6 +8,7 @@ import pytest
 from gap_logs import positioned, rigid
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog
+from via_gap.logs.noise import stamp_jitter
 from via_gap.residual.command_gaps import GROUPS, gap_pulses
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Segments, cut_log, lined
@@ -217,3 +218,14 @@ def test_steps_with_wrong_stamps_leave_no_more_than_noise():
     known = Rollout.of(segments, np.flatnonzero(segments.valid))
     errors = np.mean(known.residual(segments.nominal[None])[0] ** 2, axis=1)
     assert np.mean(errors) < 2.0
+
+
+def test_commands_without_a_period_have_right_stamps():
+    """Goals sent when somebody pressed a key: the intervals differ, but no stamp is wrong."""
+    rng = np.random.default_rng(4)
+    regular = 0.4 * np.arange(100)
+    keys = np.cumsum(rng.uniform(0.2, 0.6, 100))
+    assert stamp_jitter(keys) == 0.0 and stamp_jitter(regular) < 1e-12
+    assert stamp_jitter(regular + 0.002 * rng.normal(size=100)) == pytest.approx(0.002, rel=0.25)
+    lost = np.delete(regular + 0.002 * rng.normal(size=100), [10, 11, 40])
+    assert stamp_jitter(lost) == pytest.approx(0.002, rel=0.25)

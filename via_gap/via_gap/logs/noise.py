@@ -89,6 +89,21 @@ def clock_of(time: Array) -> Clock:
     return Clock(period, channel_noise(count * period, time, 0.0).white)
 
 
+def stamp_jitter(time: Array) -> float:
+    """[s] standard deviation of the stamps (N,) [s], N >= 3, of a periodic sender; 0 for others.
+
+    A wrong stamp makes one interval longer and the next one shorter. So minus the covariance of neighbouring intervals
+    is the variance of stamps. It is 0 for a sender without a period, within the standard errors of a covariance.
+    """
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    late = steps - period * np.maximum(np.rint(steps / period), 1.0)
+    late = late - np.mean(late)
+    variance = -float(np.mean(late[1:] * late[:-1]))
+    error = float(np.mean(late**2)) / sqrt(len(late) - 1)
+    return sqrt(variance) if variance > STANDARD_ERRORS * error else 0.0
+
+
 def channel_noise(time: Array, values: Array, quantum: float | None = None) -> ChannelNoise:
     """Noise of `values` (N,) measured at `time` (N,) [s], increasing; NaN marks lost measurements.
 

@@ -16,9 +16,8 @@ times a number that is uniform from -1/2 to 1/2. Half of that variance is in a p
 after it, each of sd d / sqrt(6): a drive at its torque limit responds to one of them alone.
 
 Where the log has every command, its stamps may still be wrong: they say when a sample was written, not when the command
-was sent. A periodic sender shows by how much: the stamps differ from a smooth clock with standard deviation s. The
-integral of a step of d is then wrong by d s, half of that variance in a pulse before its stamp and half in one after
-it.
+was sent. A periodic sender shows by how much, with standard deviation s (`stamp_jitter`). The integral of a step of d
+is then wrong by d s, half of that variance in a pulse before its stamp and half in one after it.
 
 The effect of each pulse on a segment, by simulation, joins that of the unknown start (rollout.py).
 """
@@ -33,7 +32,7 @@ import numpy as np
 from via_core.signals import Array, Indices
 
 from via_gap.logs.between import steps_of, usual
-from via_gap.logs.noise import clock_of
+from via_gap.logs.noise import stamp_jitter
 from via_gap.logs.quality import SEGMENT, SHORT
 from via_gap.residual.segments import ROUNDED, Segments, drive_rows, measured_columns
 
@@ -113,7 +112,7 @@ def _steps(segments: Segments) -> Iterator[_Pulse]:
 
 def _late(segments: Segments, time: Array, steps: Array) -> Iterator[_Pulse]:
     """Pulses for the steps (N - 1, N_COMMANDS) between commands at times (N,) [s] whose stamps are wrong."""
-    jitter = clock_of(time).jitter
+    jitter = stamp_jitter(time)
     if jitter * segments.rate <= NO_JITTER:
         return
     at = np.round((time[1:] - segments.origin) * segments.rate).astype(np.intp)
