@@ -95,6 +95,9 @@ def test_segments_begin_where_the_state_is_known():
     cut = cut_log(replace(log, measured=Signals(time[keep], channels, log.measured.units)))
     assert cut.valid.all() and np.all(np.diff(cut.begin) >= cut.ticks) and not np.any(cut.begin % cut.every)
     assert np.any(np.diff(cut.begin) == cut.ticks), "segments follow on one another where they can"
+    inside = cut.begin[:, None] + np.arange(cut.ticks)
+    assert np.array_equal(cut.since_begin[inside], inside - cut.begin[:, None])
+    assert np.all(np.delete(cut.since_begin, inside) >= cut.ticks), "between segments"
     assert np.sum(cut.valid) * cut.ticks > 0.9 * len(cut.commands)
     problem = ResidualModel.of([cut], [np.arange(1, len(cut))])
     assert np.median(problem.per_segment(problem.residual([problem.row(())])[0])) < 1.5
