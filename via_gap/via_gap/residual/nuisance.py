@@ -30,6 +30,9 @@ from via_gap.logs.log import JointLog
 _SPRINGS = {"linear": ("stiffness",), "cubic": ("coefficient",), "odd_polynomial": ("odd_coefficients",)}
 _SHAPES = {"odd_polynomial": ("odd_coefficients",), "sinh": ("a",)}
 LARGE_ERROR = 1.0  # [rad] whose torque an integral without a limit may have at most
+# Of the delay of goals, as if it were a device parameter known to 5 %: a finite difference is .2 sd then. One of .01 sd, a
+# hundredth of a tick, shows which goal acts in a tick rather than the slope.
+STEPPED = 0.05
 BOUND = 1.3  # [standard deviations of the tolerance] largest offset
 
 
@@ -86,7 +89,7 @@ def goal_delay(log: JointLog) -> tuple[Nuisance, ...]:
         return ()
     sd = (STEPS_SD if log.lined is None else LATE_SD) * period_of(log)
     lowest = -min(BOUND, servo.delay / sd)
-    return (Nuisance("goal delay between samples", "s", 0.0, (P.delay,), 1.0, 1.0, sd, lowest),)
+    return (Nuisance("goal delay between samples", "s", 0.0, (P.delay,), 1.0, STEPPED, sd, lowest),)
 
 
 def lowest_offsets(each: tuple[Nuisance, ...]) -> Array:
