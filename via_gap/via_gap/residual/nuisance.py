@@ -30,8 +30,8 @@ from via_gap.logs.log import JointLog
 _SPRINGS = {"linear": ("stiffness",), "cubic": ("coefficient",), "odd_polynomial": ("odd_coefficients",)}
 _SHAPES = {"odd_polynomial": ("odd_coefficients",), "sinh": ("a",)}
 LARGE_ERROR = 1.0  # [rad] whose torque an integral without a limit may have at most
-# Of the delay of goals, as if it were a device parameter known to 5 %: a finite difference is .2 sd then. One of .01 sd, a
-# hundredth of a tick, shows which goal acts in a tick rather than the slope.
+# Of the delay of goals, as of a device parameter known to 5 %: a finite difference is .2 sd then. One of .01 sd is far
+# below a tick and shows which goal acts in it rather than the slope.
 STEPPED = 0.05
 BOUND = 1.3  # [standard deviations of the tolerance] largest offset
 
