@@ -121,7 +121,7 @@ class ModulatedTorqueParameters(Parameters):
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
     loss_prior: float = parameter(0.0, "damping of a transmission before any data", "N m s/rad", 0.0, 1e4)
     loss_deviation: float = parameter(3.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
-    delay_deviation: float = parameter(0.01, "standard deviation of the torque's delay before data", "s", 1e-9, 1.0)
+    delay_deviation: float = parameter(0.003, "standard deviation of the torque's delay before data", "s", 1e-9, 1.0)
     constant_deviation: float = parameter(300.0, "standard deviation of the constant before any data", "N m", 1e-9, 1e9)
     gear_deviation: float = parameter(0.1, "standard deviation of a gear's friction over its load", "-", 1e-9, 1.0)
     creep_deviation: float = parameter(10.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
@@ -368,8 +368,7 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             before = slot - 1 if slot > 0 else length - 1
             if varied > 0:  # where it is not measured, it stays
                 ring[i, PRESET, slot] = rows[k, 4] if isfinite(rows[k, 4]) else ring[i, PRESET, before]
-            last, travel = before if entered == window.TAKEN else -1, torque_equation.travel(par, parts[i])
-            torque_equation.slide(ring[i], last, slot, times[slot] - times[before], travel)
+            torque_equation.slide(ring[i], before if entered == window.TAKEN else -1, slot, times[slot] - times[before])
         full = state[HEADER.filled] == length
         schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
         due = full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1

@@ -5,9 +5,7 @@ Source and equation: `modulated_torque`. Unknowns are U, then the coefficients a
 
 Three unknowns describe a transmission that is not a spring law of phi alone:
 
-hysteresis  H z, dz = dphi / l within -1..1: friction inside the spring, an elastic element that yields. Over less
-            than 2 l it does not, and no motion distinguishes its stiffness H / l from sigma. So l is LONG, or in a
-            stiff spring a fixed share of the deflections visited (`travel`)
+hysteresis  H z, dz = dphi / l within -1..1, l = LONG: friction inside the spring, an elastic element that yields
 creep       k_c (phi - x), dx = (phi - x) dt / CREEP: a part of the spring relaxes. The stiffness reported is that of a
             sudden deflection, sigma + k_c. If the relaxation time is not CREEP, least squares in motion of .1 to 5 Hz
             find a sum sigma + k_c that is wrong by up to .35 k_c for times of .2 to 2 s: a standard deviation of
@@ -44,7 +42,6 @@ U = slots(
 LAG = 0.5  # standard deviation of `lag`, s: .5 for a first-order filter, 0 for a delay, -.5 for a filter that rings
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 SHORT, LONG = 2e-3, 2e-2  # [rad] travel over which the frictions `short` and `long` build up
-YIELDING, LEAST = 0.125, 1e-6  # share of the deflections visited, and [rad]: `travel` in a stiff spring
 CREEP, COARSE = 0.3, 0.35  # [s]; share of the stiffness that relaxes
 PLAY = 5e-3  # [rad]
 COLUMNS = 8  # of a transmission in the ring
@@ -86,22 +83,11 @@ def _friction(own: Array, psi: Array, quantum: float, step: float, row: Array) -
 
 
 @njit(cache=True, error_model="numpy")
-def travel(par: Array, visited: Array) -> float:
-    """Deflection [rad] over which the friction inside the spring builds up, by the range VISITED."""
-    if not visited[VISITED.any] > 0.0:
-        return LONG
-    signed = par[P.even_terms] > 1.0  # otherwise low and high are those of |phi|
-    reach = visited[VISITED.high] - visited[VISITED.low] if signed else 2.0 * visited[VISITED.high]
-    return min(max(YIELDING * reach, 2.0 * QUANTUM * par[P.position_noise], LEAST), LONG)
-
-
-@njit(cache=True, error_model="numpy")
-def slide(ring: Array, before: int, slot: int, step: float, travel: float) -> None:
+def slide(ring: Array, before: int, slot: int, step: float) -> None:
     """Write the states of the friction elements and of the creeping part at `slot` of a ring (8, L).
 
     before  sample before, < 0 if there is none: nothing is built up then, and the spring is relaxed
     step    [s] since then
-    travel  [rad] `travel`
     """
     phi = ring[PHI, slot]
     if before < 0:
@@ -111,7 +97,7 @@ def slide(ring: Array, before: int, slot: int, step: float, travel: float) -> No
     moved = ring[THETA, slot] - ring[THETA, before]
     ring[ON_SHORT, slot] = min(max(ring[ON_SHORT, before] + moved / SHORT, -1.0), 1.0)
     ring[ON_LONG, slot] = min(max(ring[ON_LONG, before] + moved / LONG, -1.0), 1.0)
-    ring[ON_SPRING, slot] = min(max(ring[ON_SPRING, before] + (phi - ring[PHI, before]) / travel, -1.0), 1.0)
+    ring[ON_SPRING, slot] = min(max(ring[ON_SPRING, before] + (phi - ring[PHI, before]) / LONG, -1.0), 1.0)
     middle = 0.5 * (phi + ring[PHI, before])
     ring[RELAXED, slot] = middle + (ring[RELAXED, before] - middle) * exp(-step / CREEP)
 

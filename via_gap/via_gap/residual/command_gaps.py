@@ -36,10 +36,8 @@ from via_gap.logs.noise import stamp_jitter
 from via_gap.logs.quality import SEGMENT, SHORT
 from via_gap.residual.segments import ROUNDED, Segments, drive_rows, measured_columns
 
-NO_JITTER = 0.01  # of a tick
+NO_JITTER = 0.01  # of a tick: errors of stamps by rounding alone are smaller
 GROUPS = 8  # gaps in a segment with pulses of their own, the largest; others share one, with random signs
-
-
 PIECE = SHORT * SEGMENT  # [s] of a gap: the motion depends on the mean of what acted in it
 
 

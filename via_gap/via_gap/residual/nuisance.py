@@ -32,7 +32,7 @@ _SHAPES = {"odd_polynomial": ("odd_coefficients",), "sinh": ("a",)}
 LARGE_ERROR = 1.0  # [rad] whose torque an integral without a limit may have at most
 # Of the delay of goals, as of a device parameter known to 5 %: a finite difference is .2 sd then. One of .01 sd is far
 # below a tick and shows which goal acts in it rather than the slope.
-STEPPED = 0.05
+DELAY_KNOWN = 0.05
 BOUND = 1.3  # [standard deviations of the tolerance] largest offset
 
 
@@ -40,7 +40,7 @@ BOUND = 1.3  # [standard deviations of the tolerance] largest offset
 class Nuisance(DeviceNumber):
     """One parameter with its value in the device file.
 
-    tolerance  relative standard deviation
+    tolerance  relative standard deviation, by which finite differences are divided (`residual_model.STEP`)
     start      standard deviation, in its unit, of what differs between recordings; 0 for device parameters
     lowest     smallest offset
     """
@@ -89,7 +89,7 @@ def goal_delay(log: JointLog) -> tuple[Nuisance, ...]:
         return ()
     sd = (STEPS_SD if log.lined is None else LATE_SD) * period_of(log)
     lowest = -min(BOUND, servo.delay / sd)
-    return (Nuisance("goal delay between samples", "s", 0.0, (P.delay,), 1.0, STEPPED, sd, lowest),)
+    return (Nuisance("goal delay between samples", "s", 0.0, (P.delay,), 1.0, DELAY_KNOWN, sd, lowest),)
 
 
 def lowest_offsets(each: tuple[Nuisance, ...]) -> Array:
