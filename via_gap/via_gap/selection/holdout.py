@@ -26,24 +26,25 @@ def split(
     valid: list[Indices] = [np.flatnonzero(each.valid) for each in everything]
     none: Indices = np.empty(0, dtype=np.intp)
     size = [max(SEGMENTS, int(np.ceil(BLOCK * each.rate / each.ticks))) for each in everything]
+    out: list[bool] = []
     if holdout:
         out = [i >= len(segments) for i in range(len(everything))]
     elif len(everything) > 2 and all(len(v) < 5 * n for v, n in zip(valid, size, strict=True)):
         out = _informative(everything, valid)
-    else:
+    if not any(out):
         return *_by_blocks(valid, size), everything
     train, held = ([v if h == side else none for v, h in zip(valid, out, strict=True)] for side in (False, True))
     return train, held, everything
 
 
 def _informative(segments: Sequence[Segments], valid: Sequence[Indices]) -> list[bool]:
-    """Whether each log is held out, such that both sides contain comparable motion."""
+    """Whether each log is held out, such that both sides contain comparable motion; none if that cannot be."""
     ticks = np.arange(min(each.ticks for each in segments))
     motion = [each.start[each.begin[which][:, None] + ticks] for each, which in zip(segments, valid, strict=True)]
     angle, speed = (np.concatenate([each[..., slot] for each in motion]) for slot in (0, 3))
     log_of = np.repeat(np.arange(len(segments)), list(map(len, valid)))
     held = set(log_of[hold_out(describe(angle, speed), log_of.tolist())].tolist())
-    return [i in held if held else i % 3 == 2 for i in range(len(segments))]  # nothing is held where nothing moves
+    return [i in held for i in range(len(segments))]
 
 
 def split_finely(segments: Sequence[Segments], events: Sequence[float] = ()) -> tuple[list[Indices], list[Indices]]:
