@@ -186,3 +186,31 @@ def test_friction_in_motion_of_one_frequency_is_not_a_late_torque():
     report = diagnose([JointLog("one frequency", device, measured, None)], device)
     assert (report.verdict, [each.effect for each in report.effects]) == ("effect", ["viscous_friction"])
     assert report.lined is None
+
+
+def test_a_command_between_two_ticks_acts_for_the_rest_of_the_tick():
+    """Stamps with jitter are not on ticks; the integral is that of zero-order hold up to the end of every tick."""
+    rng = np.random.default_rng(3)
+    time = 0.01 * np.arange(60) + rng.uniform(0.0, 0.0004, 60)
+    values = rng.normal(0.0, 1.0, 60)
+    commands = Signals(time, {"external_torque": values}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+    log = JointLog("log", rigid(), Signals(time, {"q": time}, {"q": "rad"}), commands)
+    grid, fine = 0.002 * np.arange(290), 1e-5 * (np.arange(58000) + 0.5)
+    held = values[np.clip(np.searchsorted(time, fine, side="right") - 1, 0, None)]
+    moved = acting(log, grid)["external_torque"]
+    assert np.abs(np.cumsum(moved) * 0.002 - np.cumsum(held.reshape(-1, 200).mean(axis=1)) * 0.002).max() < 1e-4
+    off = replace(commands, channels={"external_torque": np.where(np.arange(60) == 30, np.nan, values)})
+    unknown = np.isnan(acting(replace(log, commands=off), grid)["external_torque"])
+    assert 4 <= np.count_nonzero(unknown) <= 6 and np.all(np.abs(grid[unknown] - time[30]) < 0.0105)
+
+
+def test_commands_on_ticks_stay_as_recorded():
+    time = 0.004 * np.arange(50)
+    values = np.random.default_rng(4).normal(0.0, 1.0, 50)
+    commands = Signals(time, {"external_torque": values}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+    log = JointLog("log", rigid(), Signals(time, {"q": time}, {"q": "rad"}), commands)
+    grid = time[0] + np.arange(190) / 1000.0
+    np.testing.assert_array_equal(acting(log, grid)["external_torque"], np.repeat(values, 4)[:190])
+    uneven = time + np.random.default_rng(5).uniform(0.0, 0.002, 50)
+    log = replace(log, commands=replace(commands, time=uneven))
+    np.testing.assert_array_equal(acting(log, uneven)["external_torque"], values)

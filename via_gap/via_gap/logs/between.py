@@ -20,6 +20,7 @@ from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog
 
 OUTLYING = 3.0  # times the usual size
+ROUNDED = 1e-6  # of a tick: closer stamps are on its edge
 AT_ONCE = 0.01  # sampling periods: shorter delays are not mentioned
 LATE_TORQUES = "torques"  # signal of the finding that measured torques are late
 RATE = 1000.0  # [Hz] of the steps that approximate a line in a free simulation
@@ -44,14 +45,50 @@ def period_of(log: JointLog) -> float:
 
 
 def acting(log: JointLog, time: Array | None = None) -> Signals | None:
-    """The commands as recorded; interpolated ones as steps along the lines that begin at the even `time` (N,)."""
+    """The commands as recorded, or their means over the ticks that begin at `time` (N,).
+
+    Interpolated ones are steps along the lines from tick to tick, which have to be even.
+    """
     commands = log.commands
-    if log.lined is None or commands is None or len(commands) < 2:
+    if commands is None or len(commands) < 2:
         return commands
+    if log.lined is None:
+        return commands if time is None else _means(commands, time)
     if time is None:
         time = np.arange(commands.time[0], commands.time[-1], 1.0 / RATE)
     late = time - max(log.lined, 0.0)  # measured torques may be late, and are shifted forward; commands are not
     channels = {name: _between(late, commands.time, values) for name, values in commands.channels.items()}
+    return Signals(time, channels, commands.units, commands.held)
+
+
+def _means(commands: Signals, time: Array) -> Signals:
+    """The mean over each tick of commands with zero-order hold.
+
+    A command whose stamp lies inside a tick acts for the rest of it. If it waited for the next tick, steps would come
+    late by up to one tick, and smooth commands by half a tick on average.
+    """
+    edges = np.append(time, 2.0 * time[-1] - time[-2])
+    length = np.diff(edges)
+    after = np.clip(np.searchsorted(edges, commands.time), 1, len(time))
+    nearest = after - (commands.time - edges[after - 1] < edges[after] - commands.time)
+    on_edge = np.abs(commands.time - edges[nearest]) < ROUNDED * length.min()
+    known = np.where(on_edge, edges[nearest], commands.time)
+    inside = np.flatnonzero(~on_edge & (known > edges[0]) & (known < edges[-1]))
+    begins = np.concatenate((edges[:-1], known[inside]))
+    order = np.argsort(begins, kind="stable")
+    holds = np.clip(np.searchsorted(known, begins[order], side="right") - 1, 0, len(known) - 1)
+    first = np.flatnonzero(order < len(time))  # of the pieces of each tick
+    pieces_of = np.diff(first, append=len(order))
+    share = np.diff(begins[order], append=edges[-1]) / np.repeat(length, pieces_of)
+    divided = pieces_of > 1
+
+    def averaged(values: Array) -> Array:
+        pieces = values[holds]
+        mean = np.add.reduceat(pieces * share.reshape(-1, *(1,) * (values.ndim - 1)), first, axis=0)
+        changed = divided.reshape(-1, *(1,) * (values.ndim - 1)) & np.isfinite(mean)  # not where a drive is off
+        return np.where(changed, mean, pieces[first])
+
+    channels = {name: averaged(values) for name, values in commands.channels.items()}
     return Signals(time, channels, commands.units, commands.held)
 
 
