@@ -59,6 +59,7 @@ class Segments:
     rest          (3,) [rad] angles when the log began; NaN: unknown
     rests         whether the measured axes were at rest then
     valid         (S,) whether the segment can be used
+    rest_from     (S,) the first segment of the rest that a segment continues; of moving ones their own number
     gaps          (g, 2) ticks of the last command before and the first after each short gap in the commands
     command_ticks ticks from command to command
     torque_density (N_COMMANDS,) [N^2 m^2 s] of the noise of measured torques that act as commands (torque_noise.py)
@@ -84,6 +85,7 @@ class Segments:
     rest: Array
     rests: bool
     valid: Array
+    rest_from: Indices
     gaps: Indices
     command_ticks: int
     torque_density: Array
@@ -213,7 +215,7 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
         density[columns] = torque_densities(log, known, ticks / rate)[: len(columns)]
     return Segments(
         log, rate, origin, ticks, every, averaged, axes, drive_rows(log, grid), begin, angles, hidden, states, measured,
-        weight, _rest(log), rests, valid, gaps, apart, density, sample_noise, noise, start_noise,
+        weight, _rest(log), rests, valid, _rest_from(cut, 4.0 * sd + quanta), gaps, apart, density, sample_noise, noise, start_noise,
     )  # fmt: skip
 
 
@@ -251,6 +253,17 @@ def _begins(known: Mask, ticks: int, every: int) -> Indices:
     while (k := np.searchsorted(places, found[-1] + ticks)) < len(places):
         found.append(places[k])
     return np.array(found, dtype=np.intp)
+
+
+def _rest_from(angles: Array, noise: Array) -> Indices:
+    """(S,) first of the neighbouring segments in which all axes (S, n + 1, a) stay within a range of `noise` (a,)."""
+    low, high = angles.min(axis=1), angles.max(axis=1)
+    found = np.arange(len(angles))
+    for k in range(1, len(angles)):
+        rest = slice(found[k - 1], k + 1)
+        if np.all(high[rest].max(axis=0) - low[rest].min(axis=0) <= noise):
+            found[k] = found[k - 1]
+    return found
 
 
 def _inside(begin: Array, span: float, usable: Sequence[tuple[float, float]]) -> Mask:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.selection.bound import Flexible, flexible
@@ -27,8 +29,8 @@ class Achievable:
             segments = experiment.folds.flexible(each.fit)
         else:
             model, data = self.model(each.fit), experiment.evaluated
-            segments = data.per_segment(model.residual(data, model.functions(data)))
-        return replace(each, segments=segments)
+            segments = data.evidence(model.residual(data, model.functions(data)))
+        return replace(each, segments=segments, fitted=np.empty(0))
 
     def model(self, fit: Fit) -> Flexible:
         """The flexible model beside `fit`; fits at the same locations share the first one."""

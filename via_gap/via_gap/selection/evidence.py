@@ -3,10 +3,12 @@
 The loss of a segment is log(1 + z^2), with z^2 its mean squared whitened error: halving an error counts the same at any
 size, and little is gained below the noise. The loss of runs over whole recordings (servos) is log(1 + mean z^2),
 because their gap is the mean squared error. Errors of neighbouring segments are correlated; differences between two
-models are therefore resampled in blocks.
+models are therefore averaged in blocks, whose means count as independent. A rest counts as one segment.
 
 One criterion serves every comparison (adding, dropping, replacing an effect; a veto of the other view): model a is
-significantly worse than model b if the lower end of the confidence interval of loss(a) - loss(b) exceeds the margin.
+significantly worse than model b if loss(a) - loss(b) exceeds the margin on held-out segments, and if the lower end of
+its confidence interval does on all segments, fitted ones included. A short log has few held-out ones, and a fit with
+few parameters cannot explain many segments: each parameter more may explain one by chance.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import t as student_t
 from via_core.signals import Array, Indices
 
 from via_gap.candidates.fit import Fit
@@ -33,11 +35,12 @@ class Evaluation:
     """A fit and its held-out evidence.
 
     residual  (R,) whitened held-out residual
-    segments  (S,) mean squared whitened error of each segment
-    block     number of segments that are resampled together
+    segments  (S,) mean squared whitened error of each segment; one value for all segments of one rest
+    block     number of segments whose errors are correlated
     whole     whether segments are runs over whole recordings
     other_view  (W,) mean squared whitened error of each segment in the other view; empty if it is not available
-    fitted    (F,) that of each fitted segment; empty for cross-validation, where every segment is held out once
+    fitted    (F,) that of each fitted segment; empty for cross-validation, where every segment is held out once, and
+              for models that are not fitted
     """
 
     fit: Fit
@@ -73,6 +76,11 @@ class Evaluation:
         return Evaluation(self.fit, self.fitted, self.fitted, self.block)
 
     @property
+    def on_all(self) -> Evaluation:
+        """The same fit with its error on the fitted and the held-out segments."""
+        return replace(self, segments=np.concatenate((self.fitted, self.segments)), fitted=np.empty(0))
+
+    @property
     def in_other_view(self) -> Evaluation:
         """The same fit with its error in the other view."""
         return Evaluation(self.fit, self.other_view, self.other_view, self.block)
@@ -88,10 +96,10 @@ def evaluate(
     residuals = held.residual(rows)
     first = held.views[0].segments
     block = max(1, round(BLOCK * first.rate / first.ticks))
-    seen = other.per_segment(other.residual(rows)) if other is not None else np.empty((len(fits), 0))
-    known = [fitted.per_segment(fit.residual) if fitted is not None else np.empty(0) for fit in fits]
+    seen = other.evidence(other.residual(rows)) if other is not None else np.empty((len(fits), 0))
+    known = [fitted.evidence(fit.residual) if fitted is not None else np.empty(0) for fit in fits]
     return [
-        Evaluation(fit, residual, held.per_segment(residual), block, other_view=other_view, fitted=own)
+        Evaluation(fit, residual, held.evidence(residual), block, other_view=other_view, fitted=own)
         for fit, residual, other_view, own in zip(fits, residuals, seen, known, strict=True)
     ]
 
@@ -104,17 +112,30 @@ def losses(each: Evaluation, reference: Evaluation) -> Array:
 
 
 def difference(a: Evaluation, b: Evaluation) -> tuple[float, float]:
-    """Score of a minus score of b, and its standard deviation from resampled blocks."""
+    """Score of a minus score of b, and the half width of its one-sided confidence interval.
+
+    Student's t of the means of blocks; 0 for a single run, whose scatter is not known.
+    """
     values = losses(a, b) - losses(b, a)
     means = block_means(values[None], a.block)[0]
-    picked = means[resamples(len(means))].mean(axis=1)
-    return float(np.mean(values)), float(np.std(picked))
+    if len(means) < 2:
+        return float(np.mean(values)), 0.0
+    return float(np.mean(values)), quantile(len(means)) * float(np.std(means, ddof=1)) / np.sqrt(len(means))
 
 
 def significantly_worse(a: Evaluation, b: Evaluation) -> bool:
-    """Whether the loss of a exceeds that of b by more than the margin, at the significance in `NUMBERS`."""
-    gap, sd = difference(a, b)
-    return gap - quantile() * sd > NUMBERS.margin or refuted_beside(a, b)
+    """Whether the loss of a exceeds that of b by more than the margin, at the significance in `NUMBERS`.
+
+    On held-out segments by its value, and on all segments, if both models are fitted to the same, by the lower end of
+    its confidence interval. A fit to S segments whose values err together reduces their mean squared error by 1 / S per
+    needless parameter.
+    """
+    gap, width = difference(a, b)
+    if len(a.fitted) == len(b.fitted) > 0 and not a.whole and gap > NUMBERS.margin:
+        one, other = a.on_all, b.on_all
+        gap, width = difference(one, other)
+        gap -= max(freedom(b.fit) - freedom(a.fit), 0) / len(one.segments)
+    return bool(gap - width > NUMBERS.margin) or refuted_beside(a, b)
 
 
 def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
@@ -132,10 +153,11 @@ def outdone_by(a: Evaluation, b: Evaluation) -> bool:
 
     Resamples assume that blocks are alike, which a push or a limit that is reached twice contradicts. It is certain if
     a leaves more than b in the mean and in the largest error, by more than noise is known: what b leaves shows how
-    large the errors of a model with small faults (a belt, a slow sensor) can be in this log. Of several such events,
-    one is not enough: the others keep the mean up. A few whole runs do not show how large errors can be.
+    large the errors of a model with small faults (a belt, a slow sensor) can be in this log, if there are enough: the
+    largest of n + 1 errors of one kind is that of a in 1 of n + 1 cases. Of several such events, one is not enough: the
+    others keep the mean up.
     """
-    if refuted_beside(a, b) or a.whole:
+    if refuted_beside(a, b) or (len(b.segments) + 1) * NUMBERS.significance < 1.0:
         return refuted_beside(a, b)
     factor = NUMBERS.no_gap**2
     pairs = ((np.mean(each.segments), np.max(each.segments)) for each in (a, b))
@@ -175,9 +197,9 @@ def resamples(blocks: int) -> Indices:
 
 
 @cache
-def quantile() -> float:
-    """Standard deviations of the one-sided confidence interval."""
-    return float(norm.ppf(1.0 - NUMBERS.significance))
+def quantile(count: int) -> float:
+    """Standard deviations of the mean of `count` values to the end of its one-sided confidence interval."""
+    return float(student_t.ppf(1.0 - NUMBERS.significance, count - 1))
 
 
 def freedom(fit: Fit) -> int:
@@ -188,6 +210,12 @@ def freedom(fit: Fit) -> int:
 def simplest(models: Sequence[Evaluation]) -> Evaluation:
     """The best of the models without the needless ones."""
     return min(without_needless(models), key=lambda each: (each.score, freedom(each.fit), str(each.fit.locations)))
+
+
+def plainer(one: Evaluation, other: Evaluation) -> Evaluation:
+    """Of two forms of the same effects the one with fewer parameters, unless the other is better by the margin."""
+    few, many = sorted((one, other), key=lambda each: (freedom(each.fit), each.score))
+    return many if few.score - many.score > NUMBERS.margin else few
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:

@@ -76,7 +76,7 @@ class Experiment:
             return _experiment(everything, train, held, equations=True)
         runs = all(len(each) == 1 for each in everything) and bool(holdout)
         made = _experiment(everything, train, held, robust=not runs)
-        if not holdout and one_sided(made.fitted.per_segment(made.tuned.fit.residual), made.tuned.segments):
+        if not holdout and one_sided(made.tuned.fitted, made.tuned.segments):
             train, held = split_finely(everything)
             made = _experiment(everything, train, held)
         if runs:
@@ -113,11 +113,7 @@ class Experiment:
         """
         if not any(len(a) and len(b) for a, b in zip(self.train, self.held, strict=True)):
             return False
-        return any(
-            lopsided(self.fitted.per_segment(each.fit.residual), each.segments)
-            for each in models
-            if each.score < self.tuned.score
-        )
+        return any(lopsided(each.fitted, each.segments) for each in models if each.score < self.tuned.score)
 
     def in_lines(self, late: float) -> Experiment:
         """The same with commands interpolated linearly between samples, delayed by `late` [s]."""
@@ -139,7 +135,7 @@ class Experiment:
     def _by_equations(self) -> Experiment | None:
         """The same compared by inverse dynamics alone; None if no model predicts the torque of the drive either."""
         made = _experiment(self.segments, self.train, self.held, equations=True)
-        bound = replace(made.tuned, segments=made.bound_of_equations(made.tuned.fit))
+        bound = replace(made.tuned, segments=made.bound_of_equations(made.tuned.fit), fitted=np.empty(0))
         return None if significantly_worse(bound, made.baseline) else made
 
     def bound_of_equations(self, fit: Fit) -> Array:
@@ -149,7 +145,7 @@ class Experiment:
         for model in (self.fitted, self.evaluated):
             views = [view for view in model.views if isinstance(view, InverseDynamics)]
             sides += [views, [view.residual(row[None])[0] for view in views]]
-        return torque_bound(*sides)
+        return self.evaluated.once_per_rest(torque_bound(*sides))
 
     def _crossed(self, names: Sequence[Hashable]) -> Experiment:
         """The same for whole runs: models are compared by cross-validation over the fitted runs."""
@@ -179,7 +175,7 @@ def _experiment(
     base = fit_device_parameters(fitted)
     filed = Fit((), np.zeros_like(base.offsets), 0.0, fitted.residual([fitted.row(())])[0], np.empty((0, 0)))
     nominal, tuned = evaluate(evaluated, [filed, base], other_view, fitted)
-    baseline = replace(_baseline(evaluated, tuned), fitted=fitted.per_segment(fitted.baseline()))
+    baseline = replace(_baseline(evaluated, tuned), fitted=fitted.evidence(fitted.baseline()))
     by: By = "inverse dynamics" if equations else "segments"
     return Experiment(
         tuple(segments), tuple(train), tuple(held), by, fitted, evaluated, other_view, nominal, tuned, baseline
@@ -193,4 +189,4 @@ def _view(equations: bool) -> Callable[[Segments, Indices], View]:
 def _baseline(model: ResidualModel, tuned: Evaluation) -> Evaluation:
     """Evaluation of a prediction without a model on the segments of `model`, resampled as those of `tuned`."""
     residual = model.baseline()
-    return Evaluation(tuned.fit, residual, model.per_segment(residual), tuned.block, tuned.whole)
+    return Evaluation(tuned.fit, residual, model.evidence(residual), tuned.block, tuned.whole)

@@ -27,7 +27,7 @@ from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, other_starts, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.selection.evidence import Evaluation, simplest
+from via_gap.selection.evidence import Evaluation, plainer, simplest
 from via_gap.selection.plausibility import absurd
 from via_gap.selection.verdict import improvable, relevant
 
@@ -102,12 +102,12 @@ class Search:
     def _evaluated(self, fits: Sequence[Fit], models: dict[frozenset[Location], Evaluation]) -> list[Evaluation]:
         """Held-out evaluations of those `fits` that may be named; `models` keeps one for each set of locations.
 
-        That is the best one without needless parameters (`simplest`).
+        Further terms and orders do not change what is named, so a better fit is enough for them (`plainer`).
         """
         found = [each for each in self.evaluate(fits) if self.supported(each)]
         for each in found:
             kind = frozenset(each.fit.locations)
-            models[kind] = simplest([models[kind], each]) if kind in models else each
+            models[kind] = plainer(models[kind], each) if kind in models else each
         return found
 
     def _beside(self, fit: Fit) -> Search:
