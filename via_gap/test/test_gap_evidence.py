@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_logs import log_of, rigid
-from gap_models import BACKLASH, COULOMB, evaluated
+from gap_models import BACKLASH, COULOMB, STRIBECK, VISCOUS, evaluated
 from via_core.signals import Array
 from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
@@ -14,8 +16,9 @@ from via_gap.selection.confidence_set import confidence_set
 from via_gap.selection.evidence import (
     block_means,
     difference,
+    freedom,
     outdone_by,
-    quantile,
+    plainer,
     refuted_beside,
     resamples,
     significantly_worse,
@@ -101,6 +104,58 @@ def test_false_alarms_of_a_comparison_are_as_rare_as_stated():
     assert share == pytest.approx(NUMBERS.significance, abs=0.035)
 
 
+@pytest.mark.parametrize("count", [5, 7])
+def test_few_segments_do_not_raise_false_alarms(count):
+    """As rare as stated with five segments, too: the normal quantile and the sd of a resample would be too small."""
+    rng = np.random.default_rng(8)
+    pairs = np.exp(8.0 + rng.normal(size=(1500, 2, count)))  # far above the noise, where losses are logarithms
+    wrong = [significantly_worse(*(evaluated(each, block=1) for each in pair)) for pair in pairs]
+    assert 0.02 < np.mean(wrong) <= NUMBERS.significance + 0.005
+
+
+def test_a_single_run_has_no_known_scatter():
+    a, b = evaluated([9.0], whole=True), evaluated([4.0], whole=True)
+    assert difference(a, b)[1] == 0.0 and significantly_worse(a, b)
+
+
+def test_fitted_segments_count_where_held_out_ones_agree():
+    """Of six held-out segments one is worse; of eighteen fitted ones all are better."""
+    held, fitted = np.full(6, 100.0), np.full(18, 100.0)
+    better = np.array([20.0, 20.0, 1000.0, 20.0, 20.0, 20.0])
+    alone = evaluated(held, COULOMB, block=1), evaluated(better, BACKLASH, block=1)
+    assert not significantly_worse(*alone) and difference(*alone)[0] > 0.5
+    both = replace(alone[0], fitted=fitted), replace(alone[1], fitted=np.full(18, 30.0))
+    assert significantly_worse(*both)
+    unlike = replace(alone[1], segments=1.1 * held, fitted=np.full(18, 1.0))
+    assert not significantly_worse(both[0], unlike)  # overfitted: worse where it was not fitted
+    assert not significantly_worse(both[0], alone[1])  # not fitted to the same segments
+
+
+def test_a_needless_parameter_explains_one_segment():
+    """Regression of noise on k columns reduces the sum of S squares by k / S on average: no more than is subtracted."""
+    rng = np.random.default_rng(2)
+    count, columns, gains = 40, 6, []
+    for _ in range(300):
+        noise, design = rng.normal(size=count), rng.normal(size=(count, columns))
+        left = noise - design @ np.linalg.lstsq(design, noise, rcond=None)[0]
+        gains.append(1.0 - np.sum(left**2) / np.sum(noise**2))
+    assert np.mean(gains) == pytest.approx(columns / count, rel=0.1)
+    many, few = evaluated([0.9] * 20, STRIBECK, COULOMB), evaluated([1.0] * 20, COULOMB)
+    assert freedom(many.fit) - freedom(few.fit) == 3
+    few, many = replace(few, segments=np.full(20, 100.0)), replace(many, segments=np.full(20, 85.0))
+    assert significantly_worse(few, many)
+    fitted = [replace(each, fitted=each.segments) for each in (few, many)]
+    assert significantly_worse(*fitted)  # log(100 / 85) = .16 is more than 3 / 40 and the margin
+    fitted = [replace(each, fitted=each.segments[:1], segments=each.segments[:15]) for each in (few, many)]
+    assert not significantly_worse(*fitted)  # 3 / 16 is more
+
+
+def test_a_form_with_more_parameters_needs_a_smaller_loss_by_the_margin():
+    few = evaluated(np.full(8, 99.0), COULOMB)
+    richer = [evaluated(100.0 * np.exp(-less) * np.ones(8) - 1.0, COULOMB, VISCOUS) for less in (0.02, 0.04)]
+    assert plainer(few, richer[0]) is few and plainer(richer[1], few) is richer[1]
+
+
 def test_neighbouring_segments_that_err_alike_are_no_further_evidence():
     """Errors that last four segments: resampled one by one they would seem twice as well known."""
     rng = np.random.default_rng(5)
@@ -157,8 +212,8 @@ def test_an_effect_that_acts_in_one_segment_of_forty_is_clear_where_all_of_it_is
     rare = np.ones(40)
     rare[17] = 500.0
     without, with_effect = evaluated(rare, COULOMB), evaluated(np.ones(40), BACKLASH)
-    gap, sd = difference(without, with_effect)
-    assert gap - quantile() * sd < NUMBERS.margin < gap
+    gap, width = difference(without, with_effect)
+    assert gap - width < NUMBERS.margin < gap
     assert significantly_worse(without, with_effect) and not significantly_worse(with_effect, without)
     half = np.ones(40)
     half[17] = 250.0  # what is left there is not noise
@@ -171,14 +226,24 @@ def test_a_push_is_clear_beside_errors_of_the_model_that_are_far_above_the_noise
     pushed = ordinary.copy()
     pushed[[30, 32]] = 4e4
     without, with_push = evaluated(pushed, COULOMB), evaluated(ordinary, PUSH)
-    gap, sd = difference(without, with_push)
-    assert gap - quantile() * sd < NUMBERS.margin < gap and with_push.mean_square > NUMBERS.no_gap**2
+    gap, width = difference(without, with_push)
+    assert gap - width < NUMBERS.margin < gap and with_push.mean_square > NUMBERS.no_gap**2
     assert outdone_by(without, with_push) and not outdone_by(with_push, without)
     assert accepted(with_push, without, without)
     pushed = ordinary.copy()
     pushed[[30, 32]] = 3.0 * ordinary.max()  # as large as errors of this model can be
     assert not outdone_by(evaluated(pushed, COULOMB), with_push)
-    assert not outdone_by(evaluated(pushed, COULOMB, whole=True), evaluated(ordinary, PUSH, whole=True))
+
+
+def test_few_segments_do_not_show_how_large_errors_can_be():
+    """The largest of n + 1 errors is that of the model without the effect in 1 of n + 1 cases."""
+    for count, certain in ((18, False), (19, True)):
+        ordinary = np.random.default_rng(11).lognormal(1.0, 1.5, count)
+        pushed = ordinary.copy()
+        pushed[:2] = 4e4
+        for whole in (False, True):
+            a, b = evaluated(pushed, COULOMB, whole=whole), evaluated(ordinary, PUSH, whole=whole)
+            assert outdone_by(a, b) is certain
 
 
 def test_the_largest_of_several_events_is_not_the_cause():

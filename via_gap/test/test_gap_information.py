@@ -65,6 +65,15 @@ def test_one_group_is_fitted_as_a_whole():
     assert len(hold_out(np.zeros((4, 7)), ["a", "a", "b", "b"])) == 0, "where nothing moves"
 
 
+def test_recordings_of_unlike_motion_are_not_held_out_as_a_whole():
+    """One of three logs moves ten times as much: whatever is held out, one side has too little motion."""
+    information, groups = swings([1.0, 0.1, 0.1])
+    assert len(hold_out(information, groups)) == 0
+    information, groups = swings([1.0, 0.9, 1.1])
+    held = hold_out(information, groups)
+    assert 0 < len(set(np.array(groups)[held])) < 3
+
+
 def test_reversals_and_speed_are_counted():
     time = np.linspace(0.0, 1.0, 500)
     speed = np.array([np.cos(2.0 * np.pi * 3.0 * time), np.full(500, 1.0)])

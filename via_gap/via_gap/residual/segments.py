@@ -215,7 +215,8 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
         density[columns] = torque_densities(log, known, ticks / rate)[: len(columns)]
     return Segments(
         log, rate, origin, ticks, every, averaged, axes, drive_rows(log, grid), begin, angles, hidden, states, measured,
-        weight, _rest(log), rests, valid, _rest_from(cut, 4.0 * sd + quanta), gaps, apart, density, sample_noise, noise, start_noise,
+        weight, _rest(log), rests, valid, _rest_from(cut, 4.0 * sd + quanta), gaps, apart, density, sample_noise, noise,
+        start_noise,
     )  # fmt: skip
 
 
