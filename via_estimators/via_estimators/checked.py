@@ -29,12 +29,14 @@ import numpy as np
 from numba import njit
 from via_core.devices import Device
 from via_core.faults import fault_of
-from via_core.modulated_rows import DAMPER_FACTOR, INTERVAL, Equation, Samples, device_factor
+from via_core.modulated_rows import INTERVAL, Equation, Samples
+from via_core.motor_stops import reach_of, stopped_text
 from via_core.plausibility import equations_of, interval_of, worst
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE, IMPLAUSIBLE, OK, OUTSIDE_RANGE, Status
 
 from via_estimators.contract import Health, Kernel
+from via_estimators.plausible_outputs import bounds_of
 from via_estimators.slots import slots
 from via_estimators.window import RESTARTED, SKIPPED, TAKEN, sound
 from via_estimators.wrapped import Wrapped
@@ -53,7 +55,11 @@ ALL, NONE = -1, -2  # owners of an output that is a sum over the motors, or that
 # Stamp of the last sample and of the last one kept; time of the next comparison; end of the suspicion; ring position
 # and filling; 1 while implausible; time over which the torques are summed; number of the last output outside its
 # bounds, from 1, or 0, and its value; stamp of the last estimate within them before `_doubt`.
-HEAD = slots("last", "kept", "next", "until", "slot", "filled", "implausible", "summed", "outside", "found", "fits")
+# Then smallest and largest angle of two motors (`reach_of`), and the motor at a stop, from 1, below 0 at its lower one.
+HEAD = slots(
+    "last", "kept", "next", "until", "slot", "filled", "implausible", "summed", "outside", "found", "fits",
+    "lowest", "lowest_2", "highest", "highest_2", "stopped",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,7 @@ class Checked(Wrapped):
     def init(self) -> Array:
         head = np.zeros(HEAD.size)
         head[[HEAD.last, HEAD.kept, HEAD.next, HEAD.until]] = NEVER
+        head[HEAD.lowest : HEAD.highest], head[HEAD.highest : HEAD.stopped] = np.inf, -np.inf
         columns = 1 + len(self.inputs)
         before = np.full(columns, np.nan)
         state = np.concatenate([self.inner.init(), head, np.zeros(columns), before, np.zeros(self._kept * columns)])
@@ -102,19 +109,23 @@ class Checked(Wrapped):
     def fault(self, state: Array) -> str:
         """The suspected fault with its remedy, '' while samples and estimates are plausible."""
         head = self._head(state)
+        if head[HEAD.stopped]:
+            motor, upper = int(abs(head[HEAD.stopped])), head[HEAD.stopped] > 0.0
+            return stopped_text(motor, head[(HEAD.highest if upper else HEAD.lowest) + motor - 1], upper)
         if head[HEAD.implausible]:
             fault = fault_of(self.device, self._samples(state), suspected=True)
             unknown = "signals of the last seconds do not fit the device file; no single fault explains them"
             return fault.text if fault else unknown
         if head[HEAD.outside]:
             at, found = int(head[HEAD.outside]) - 1, head[HEAD.found]
+            bounds = bounds_of(self.device, self.outputs)
             filed = {int(motor[0]): motor[1] for motor in self._motors}
             ratio = f" = {found / filed[at]:.2g} x the file" if at in filed else ""
             return (
                 f"{self.outputs[at]} found is {found:.3g}{ratio}, impossible for '{self.device.name}', whose file "
-                f"allows {self._bounds[0][at]:.3g} to {self._bounds[1][at]:.3g}: check signs, units and the device file"
+                f"allows {bounds[0][at]:.3g} to {bounds[1][at]:.3g}: check signs, units and the device file"
             )
-        return ""
+        return self.inner.fault(state[: self._size])
 
     @cached_property
     def _equations(self) -> tuple[Equation, ...]:
@@ -141,7 +152,7 @@ class Checked(Wrapped):
         logged |= {"theta_2"} if self._serial else set()  # where it is missing, the preset stays
         needed = np.array([True, *(name not in logged for name in self.inputs)])
         torques = np.array([False, *(name.startswith("tau") for name in self.inputs)])
-        return (needed, torques, *self._bounds, self._motors, self._owners, self._interval)
+        return (needed, torques, *bounds_of(self.device, self.outputs), self._motors, self._owners, self._interval)
 
     @cached_property
     def _steps(self) -> tuple[Array, Array]:
@@ -176,36 +187,6 @@ class Checked(Wrapped):
              for name, (kind, _, number) in zip(self.outputs, numbers, strict=True)]
         )  # fmt: skip
 
-    @cached_property
-    def _bounds(self) -> tuple[Array, Array]:
-        """Smallest and largest plausible outputs (k,)."""
-        device, given = self.device, self.device.tolerances
-        late = max(1.0 / device.sensors.rate, given.torque_timing)
-        factor, motor = device_factor(given.spring), device_factor(given.motor_inertia)
-        stiffest = []
-        for spring in device.springs:
-            phi = np.linspace(-spring.max_deflection, spring.max_deflection, 129)
-            steepest = factor * float(np.max(spring.stiffness(phi, 0.0)))
-            adjustable = not np.array_equal(spring.stiffness(phi, 0.0), spring.stiffness(phi, 1.0))
-            stiffest.append(np.inf if adjustable else steepest)  # a preset has no stated limit
-        low, high = np.zeros(len(self.outputs)), np.full(len(self.outputs), np.inf)
-        for at, name in enumerate(self.outputs):
-            kind, _, number = name.rpartition("_")
-            if name == "gain":
-                low[at], high[at] = 1.0 / factor, factor
-            elif name == "damping" and device.drive == "torque" and device.arrangement == "rigid":
-                high[at] = DAMPER_FACTOR * (device.link.viscous_friction + float(device.damping_of(1.0)))
-            elif name == "stiffness" and device.drive == "torque":
-                high[at] = sum(stiffest)
-            elif kind == "stiffness" and device.drive == "torque":
-                high[at] = stiffest[int(number) - 1]
-            elif kind == "motor_inertia":
-                inertia = getattr(device.motors[int(number) - 1], "inertia", np.inf)
-                low[at], high[at] = inertia / motor, inertia * motor
-            elif kind == "motor_damping" and device.drive == "torque" and stiffest:
-                low[at] = -stiffest[int(number) - 1] * late  # q that is d late takes k d q' from a spring's torque
-        return low, high
-
     def _head(self, state: Array) -> Array:
         return state[self._size : self._size + HEAD.size]
 
@@ -225,7 +206,11 @@ class Checked(Wrapped):
         angles = np.column_stack(theta) if theta else np.empty((len(rows), 0))
         command = np.column_stack([columns["equilibrium"], columns["preset"]]) if self.device.drive == "servo" else None
         torques = np.column_stack(torque) if torque else np.empty((len(rows), 0))
-        return Samples(columns["time"], columns["q"], angles, torques, command)
+        reach, m = None, angles.shape[1]
+        if self.device.drive == "torque":
+            low, high = reach_of(columns["time"], angles)
+            reach = np.array([np.minimum(head[HEAD.lowest :][:m], low), np.maximum(head[HEAD.highest :][:m], high)])
+        return Samples(columns["time"], columns["q"], angles, torques, command, reach)
 
     @property
     def _advance(self) -> Kernel:
@@ -249,9 +234,15 @@ class Checked(Wrapped):
     def _compare(self, state: Array) -> None:
         """Compare the last samples with the device's equations, and set whether they are implausible."""
         head, samples = self._head(state), self._samples(state)
-        found = worst([each.share(samples) for each in self._equations])
-        now = head[HEAD.last]
-        if found.impossible or (head[HEAD.implausible] and not found.known):
+        if samples.reach is not None:
+            for at, reached in zip((HEAD.lowest, HEAD.highest), samples.reach, strict=True):
+                head[at : at + len(reached)] = reached
+        shares = [each.share(samples) for each in self._equations]
+        found, now = worst(shares), head[HEAD.last]
+        stopped = [(1 + i) * each.stopped for i, each in enumerate(shares) if each.known and each.stopped]
+        head[HEAD.stopped] = stopped[0] if stopped and not found.impossible else 0.0
+        spoilt = head[HEAD.stopped] and not self.inner.skips_stops
+        if found.impossible or spoilt or (head[HEAD.implausible] and not found.known):
             head[HEAD.implausible], head[HEAD.until] = 1.0, now + HOLD
         elif head[HEAD.implausible] and now >= head[HEAD.until]:
             head[HEAD.implausible] = 0.0
