@@ -29,7 +29,7 @@ def reach_of(time: Array, theta: Array) -> Array:
 
 
 def stopped_text(motor: int, angle: float, upper: bool) -> str:
-    """What the user is told of a motor, from 1, that pushes against something at `angle` [rad]."""
+    """The diagnostic of a motor, from 1, that pushes against something at `angle` [rad]."""
     return (
         f"motor {motor} rests at {angle:.2f} rad, the {'largest' if upper else 'smallest'} angle that it has reached, "
         f"and pushes outward: a mechanical stop or another obstacle holds it, or theta_{motor} is frozen; move it away"

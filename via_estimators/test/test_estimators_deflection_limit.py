@@ -42,7 +42,8 @@ def test_deflections_beyond_the_file_are_named_and_estimated(reach: float) -> No
     state, estimates = estimator.run_rows(rows_of(signals, estimator.inputs))
     assert f"reached 1.2 rad, beyond the max_deflection of {reach:g} rad" in estimator.fault(state)
     late = estimates.time > 1.0
-    assert np.mean(estimates.status[late] == Status.OK) > 0.95
+    assert Status.IMPLAUSIBLE not in estimates.status[late]  # before, no samples were compared with the file
+    assert np.mean(estimates.status[late] == Status.OK) > 0.9
     phi = signals["q"][:, None] - signals["theta"]
     truth = sum(spring.stiffness(phi[:, i]) for i, spring in enumerate(JOINT.springs))
     value, sd = estimates.column("stiffness")

@@ -1,4 +1,4 @@
-"""Whether a mechanical stop holds a motor, by the contact law and the evidence of one modulated equation.
+"""Whether a mechanical stop holds a motor, from the contact condition and the innovation of one modulated equation.
 
 A stop at an angle a carries a reaction R >= 0 only where the motor touches it: R (a - theta) = 0. No motor passes its
 stop, so it can touch one only at the largest or smallest angle that it has ever reached, within TOUCHING for rubber and

@@ -1,12 +1,14 @@
 """Bounds of estimates, of steps between samples and of deflections that follow from the device file.
 
 A range of deflection that the file states too small makes no equation wrong: the spring law is estimated wherever the
-joint moves. So the bounds hold for all deflections seen, by the law of the file, and the user is told of the range.
+joint moves. So the bounds hold for all deflections seen, by the spring law of the file, and `exceeded_text` names the
+range.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from via_core.devices import Device
 from via_core.modulated_rows import DAMPER_FACTOR, Samples, device_factor
 from via_core.motor_stops import PRESLIDING
@@ -36,7 +38,7 @@ def deflections_of(device: Device, samples: Samples) -> Array:
     return np.min([phi[:-2], phi[1:-1], phi[2:]], axis=0).max(axis=0, initial=0.0)
 
 
-def exceeded(device: Device, seen: Array) -> Array:
+def exceeded(device: Device, seen: Array) -> NDArray[np.bool_]:
     """Whether the deflections seen (m,) [rad] are beyond those of the file by more than a stop yields."""
     step = (device.sensors.link_quantum or 0.0) + (device.sensors.motor_quantum or 0.0)
     return np.array([far > spring.max_deflection + PRESLIDING + step
@@ -63,7 +65,7 @@ def bounds_of(device: Device, outputs: tuple[str, ...], seen: Array) -> tuple[Ar
         reach = max(spring.max_deflection, far)
         phi = np.linspace(-reach, reach, 129)
         steepest = factor * float(np.max(spring.stiffness(phi, 0.0)))
-        steepest = steepest if np.isfinite(steepest) else np.inf  # the law of the file may end before
+        steepest = steepest if np.isfinite(steepest) else np.inf  # the spring law of the file may end before
         adjustable = not np.array_equal(spring.stiffness(phi, 0.0), spring.stiffness(phi, 1.0))
         stiffest.append(np.inf if adjustable else steepest)  # a preset has no stated limit
     low, high = np.zeros(len(outputs)), np.full(len(outputs), np.inf)
