@@ -41,8 +41,9 @@ def deflections_of(device: Device, samples: Samples) -> Array:
 def exceeded(device: Device, seen: Array) -> NDArray[np.bool_]:
     """Whether the deflections seen (m,) [rad] are beyond those of the file by more than a stop yields."""
     step = (device.sensors.link_quantum or 0.0) + (device.sensors.motor_quantum or 0.0)
-    return np.array([far > spring.max_deflection + PRESLIDING + step
-                     for spring, far in zip(device.springs, seen, strict=False)])  # fmt: skip
+    limits = np.array([spring.max_deflection for spring in device.springs])
+    count = min(len(limits), len(seen))
+    return np.asarray(seen[:count] > limits[:count] + PRESLIDING + step)
 
 
 def exceeded_text(device: Device, seen: Array) -> str:
