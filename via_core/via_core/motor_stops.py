@@ -19,7 +19,8 @@ def reach_of(time: Array, theta: Array) -> Array:
     """Smallest and largest mean (2, m) over SPAN of motor angles (N, m) [rad]; a bounce at a stop is shorter."""
     count = theta.shape[1]
     found = np.array([np.full(count, np.inf), np.full(count, -np.inf)])
-    n = round(SPAN * (len(time) - 1) / (time[-1] - time[0])) if len(time) > 1 else len(time)
+    lasted = float(time[-1] - time[0]) if len(time) else 0.0
+    n = max(round(SPAN * (len(time) - 1) / lasted), 1) if lasted > 0.0 else 0
     if 0 < n <= len(time):
         for i in range(count):
             mean = np.convolve(theta[:, i], np.full(n, 1.0 / n), "valid")
