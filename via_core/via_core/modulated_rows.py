@@ -14,10 +14,10 @@ import numpy as np
 from numba import njit
 
 from via_core.devices import Device
+from via_core.motor_stops import SPAN, reach_of
 from via_core.signals import Array, Signals
 
 INTERVAL = 1.0  # [s] over which a share is computed: some periods of motion, yet shorter than a fault may last
-SPAN = 0.1  # [s] of a modulated row
 ROWS_PER_SPAN = 4  # rows overlap, so that no course of a signal falls between them
 LEAST_SAMPLES = 8  # of a row
 ORDER = 3  # of the modulating function
@@ -40,6 +40,7 @@ class Samples(NamedTuple):
     """Samples of one joint: time (N,) [s], q (N,), theta (N, m) [rad], torque (N, m) of its motors or (N, 1) [N m].
 
     command  (N, 2) equilibrium and preset [rad] of a joint driven by servos, whose torques are not measured
+    reach    (2, m) smallest and largest motor angle [rad] so far (`reach_of`); None where stops do not matter
     """
 
     time: Array
@@ -47,6 +48,7 @@ class Samples(NamedTuple):
     theta: Array
     torque: Array
     command: Array | None = None
+    reach: Array | None = None
 
     @classmethod
     def of_signals(cls, measured: Signals, device: Device, commands: Signals | None = None) -> Samples | None:
@@ -57,7 +59,8 @@ class Samples(NamedTuple):
         theta = measured.channels.get("theta", np.empty((len(measured), 0)))
         if "q" not in measured or torque is None or theta.shape[1] != device.n_motors:
             return None
-        return cls(measured.time, measured["q"], theta, torque.reshape(len(measured), -1))
+        reach = reach_of(measured.time, theta)
+        return cls(measured.time, measured["q"], theta, torque.reshape(len(measured), -1), reach=reach)
 
     @classmethod
     def _of_servos(cls, measured: Signals, device: Device, commands: Signals | None) -> Samples | None:
@@ -76,7 +79,7 @@ class Samples(NamedTuple):
         first, last = np.searchsorted(self.time, (begin, end), side="right")
         at = slice(first, last)
         command = None if self.command is None else self.command[at]
-        return Samples(self.time[at], self.q[at], self.theta[at], self.torque[at], command)
+        return Samples(self.time[at], self.q[at], self.theta[at], self.torque[at], command, self.reach)
 
 
 def _link_torque(measured: Signals, device: Device, commands: Signals | None) -> Array | None:
@@ -97,11 +100,15 @@ def _link_torque(measured: Signals, device: Device, commands: Signals | None) ->
 
 
 class Share(NamedTuple):
-    """Share of the torques in an interval that no device of the file explains, and their ratio to their noise."""
+    """Share of the torques in an interval that no device of the file explains, and their ratio to their noise.
+
+    stopped  -1 or 1 if the lower or upper mechanical stop of the motor explains the rest of them, else 0
+    """
 
     unexplained: float
     clearness: float
     limit: float = IMPOSSIBLE
+    stopped: float = 0.0
 
     @property
     def known(self) -> bool:

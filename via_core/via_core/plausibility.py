@@ -18,7 +18,8 @@ once with all rows and once with their means removed, which shows a channel that
 The share is 0 for a device of the file and about 1 where a channel is frozen, reversed, exchanged with another one or
 in another unit: no torque within the bounds has the measured sign, size or course. `noise` is the part of rss that
 noise causes, measured by third differences of the channels. Where a motor rests, dry friction takes up any torque up to
-c, the declared friction or OFFSET of the largest part.
+c, the declared friction or OFFSET of the largest part. Where it rests at the largest or smallest angle that it has
+reached, a mechanical stop takes up any torque outward (`Share.stopped`).
 
 The drive of a rigid link obeys the same equation, with q in place of theta and gravity as the load. People, contacts
 and payloads act there too, so what it leaves is no fault (`recorded_equations`), unless one change of sign or unit
@@ -61,6 +62,7 @@ from via_core.modulated_rows import (
     next_row,
     noise_of,
 )
+from via_core.motor_stops import PRESLIDING, touched
 from via_core.servo_equation import servo_equation
 from via_core.signals import Array
 from via_core.weak_form import fill_weights
@@ -71,7 +73,6 @@ TIE = 0.01  # [-] weight of their squared differences against the load of the wh
 # Largest factors on inertia and gravity of a link by what acts beside it: a rotor behind a gear had 400 times the
 # inertia of a wrist; wrong units change both by 57 or more.
 LOADED = 500.0, 10.0
-PRESLIDING = 2e-3  # [rad] of travel, within which dry friction has not built up and may point anywhere
 TRAVELS = (2e-3, 2e-2)  # [rad] l, over which friction builds up, as in `modulated_torque`
 FIXED = 7  # unknowns before the knots: b, d, c, e, g and c_l of each travel
 PARTS = FIXED + KNOTS
@@ -106,17 +107,20 @@ class MotorEquation(Equation):
         if np.mean(np.abs(deflection) > reach) > 0.5:
             return Share(1.0, np.inf)
         clipped = np.clip(deflection, -reach, reach)
-        load, stiffness, sensors = (
-            -spring.torque(clipped, preset),
-            spring.stiffness(clipped, preset),
-            self.device.sensors,
-        )
+        load, stiffness = -spring.torque(clipped, preset), spring.stiffness(clipped, preset)
+        sensors = self.device.sensors
         step, link = sensors.motor_quantum or 0.0, sensors.link_quantum or 0.0
         coarse = sqrt(float(np.nanmean(stiffness**2)) * (step * step + link * link) / 12.0) if len(angle) else 0.0
         columns = finite_columns(samples.time, samples.torque[:, self.drive], angle, deflection, load)
         # Where the link's encoder repeats one number, a frozen encoder is likelier than a change or built-up friction.
         knots = KNOTS if np.nanmax(samples.q) > np.nanmin(samples.q) else 1
-        return Share(*_motor_share(*columns, self.low, self.high, _Known(step, self.friction, coarse, knots)))
+        known = _Known(step, self.friction, coarse, knots)
+        found = Share(*_motor_share(*columns, np.zeros(len(columns[0])), self.low, self.high, known))
+        if samples.reach is None or not found.impossible:
+            return found
+        held = touched(columns[0], columns[2], *samples.reach[:, self.drive])
+        free = Share(*_motor_share(*columns, held, self.low, self.high, known)) if held.any() else found
+        return found if free.impossible else free._replace(stopped=float(np.sign(held.sum())))
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,7 @@ class LinkEquation(Equation):
         friction = device_factor(given.link_friction) * link.coulomb_friction
         columns = finite_columns(samples.time, samples.torque[:, 0], samples.q, np.zeros(len(samples.q)), load)
         known = _Known(self.unit * (self.device.sensors.link_quantum or 0.0), friction, unit=float(self.unit))
-        return Share(*_motor_share(*columns, low, high, known))
+        return Share(*_motor_share(*columns, np.zeros(len(columns[0])), low, high, known))
 
 
 @dataclass(frozen=True)
@@ -231,13 +235,14 @@ def _built_up(angle: Array, unit: float) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _motor_share(
-    time: Array, torque: Array, angle: Array, deflection: Array, load: Array, low: Array, high: Array, known: _Known
+    time: Array, torque: Array, angle: Array, deflection: Array, load: Array, held: Array, low: Array, high: Array,
+    known: _Known,
 ) -> tuple[float, float]:  # fmt: skip
-    """Unexplained share and ratio of the largest part to its noise, (0, 0) if unknown."""
+    """Unexplained share and ratio of the largest part to its noise, (0, 0) if unknown; held: `motor_stops.touched`."""
     noises = np.array([noise_of(torque), noise_of(angle), noise_of(load)]) ** 2
     still = max(RESTING * known.step, 6.0 * sqrt(noises[1]))  # a smaller range of angle is no motion
     rows, wanted = np.zeros((time.size, PARTS)), np.zeros(time.size)
-    moving, travel = np.zeros(time.size, dtype=np.bool_), np.zeros(time.size)
+    moving, travel, outward = np.zeros(time.size, dtype=np.bool_), np.zeros(time.size), np.zeros(time.size)
     built = _built_up(angle, known.unit)
     quiet = np.zeros(3)
     count = 0
@@ -257,6 +262,7 @@ def _motor_share(
                 for j in range(len(TRAVELS)):
                     row[5 + j] += weights[0, k] * built[j, at]
                 pull += weights[0, k] * load[at]
+                outward[count] += weights[0, k] * held[at]
             row[3] = 1.0
             if known.knots > 1:
                 place = (KNOTS - 1) * (0.5 * (time[first] + time[last]) - time[0]) / (time[-1] - time[0])
@@ -274,16 +280,21 @@ def _motor_share(
         first, last = next_row(time, first, last)
     if count < PARTS:
         return 0.0, 0.0
-    rows, wanted, moving, travel = rows[:count], wanted[:count], moving[:count], travel[:count]
+    rows, wanted, moving = rows[:count], wanted[:count], moving[:count]
+    travel, outward = travel[:count], outward[:count]
     filed = np.sqrt(low * high)  # the numbers of the file, in the middle of their bounds
     springs = np.full(KNOTS, filed[3])
     whole = _largest(rows, wanted, filed[0], springs)
-    size, clearness = _compare(rows, wanted, moving, travel, low, high, quiet, known)
+    size, clearness = _compare(rows, wanted, moving, travel, outward, low, high, quiet, known)
+    alone = outward == 0.0
+    if alone.sum() < PARTS:
+        return size, clearness
+    rows, wanted, moving, travel, outward = rows[alone], wanted[alone], moving[alone], travel[alone], outward[alone]
     for j in range(PARTS):
         if j != 3:
             rows[:, j] -= rows[:, j].mean()
     wanted -= wanted.mean()
-    course, course_clearness = _compare(rows, wanted, moving, travel, low, high, quiet, known)
+    course, course_clearness = _compare(rows, wanted, moving, travel, outward, low, high, quiet, known)
     varying = _largest(rows, wanted, filed[0], springs)
     if course > size and course_clearness > CLEAR and varying > VARYING * VARYING * whole:
         return course, course_clearness
@@ -310,9 +321,13 @@ def _largest(rows: Array, wanted: Array, inertia: float, spring: Array) -> float
 
 @njit(cache=True, error_model="numpy")
 def _compare(
-    rows: Array, wanted: Array, moving: Array, travel: Array, low: Array, high: Array, quiet: Array, known: _Known
+    rows: Array, wanted: Array, moving: Array, travel: Array, outward: Array, low: Array, high: Array, quiet: Array,
+    known: _Known,
 ) -> tuple[float, float]:  # fmt: skip
-    """Unexplained share of rows (n, PARTS) and torques (n,), and ratio of the largest part to its noise."""
+    """Unexplained share of rows (n, PARTS) and torques (n,), and ratio of the largest part to its noise.
+
+    outward  (n,) > 0 or < 0 where a motor touches its upper or lower stop, which carries any torque outward
+    """
     x, below, above = np.zeros(PARTS), np.zeros(PARTS), np.zeros(PARTS)
     below[:3], above[:3] = low[:3], high[:3]
     below[FIXED:], above[FIXED:] = low[3], high[3]
@@ -320,7 +335,8 @@ def _compare(
     below[3] = -above[3]
     above[4] = np.inf
     above[5:FIXED] = known.friction if known.knots > 1 else 0.0  # more would be a spring of the motor
-    used, y = rows[moving], wanted[moving]
+    free = moving & (outward == 0.0)
+    used, y = rows[free], wanted[free]
     if len(used) > FIXED:
         gram, tie = used.T @ used, TIE * float(np.sum(_load(used) ** 2))
         # ties the load factor of a time without motion to that of its neighbours
@@ -333,16 +349,16 @@ def _compare(
         x[FIXED + known.knots :] = x[FIXED]
     else:  # at rest: springs and friction alone; a few rows of motion show neither inertia nor viscous friction
         x[0], x[FIXED:] = low[0], 1.0
-        resting = np.flatnonzero(moving == 0)
-        rows, wanted, travel, moving = rows[resting], wanted[resting], travel[resting], moving[resting]
+        at = np.flatnonzero(moving == 0)
+        rows, wanted, travel, moving, outward = rows[at], wanted[at], travel[at], moving[at], outward[at]
         if len(wanted) < PARTS:
             return 0.0, 0.0
     left = wanted - rows @ x
     largest = _largest(rows, wanted, x[0], x[FIXED:])
-    free = max(known.friction, x[2] + x[5:FIXED].sum() + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
+    most = max(known.friction, x[2] + x[5:FIXED].sum() + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
     for k in range(len(left)):
-        held = free if not moving[k] else known.friction if travel[k] < PRESLIDING * known.unit else 0.0
-        left[k] = np.sign(left[k]) * max(abs(left[k]) - held, 0.0)
+        held = most if not moving[k] else known.friction if travel[k] < PRESLIDING * known.unit else 0.0
+        left[k] = np.sign(left[k]) * max(abs(left[k]) - held, 0.0) if left[k] * outward[k] <= 0.0 else 0.0
     noise = quiet[0] + x[0] * x[0] * quiet[1] + np.mean(x[FIXED:] ** 2) * quiet[2]
     if largest <= 0.0:
         return 0.0, 0.0

@@ -29,12 +29,14 @@ import numpy as np
 from numba import njit
 from via_core.devices import Device
 from via_core.faults import fault_of
-from via_core.modulated_rows import DAMPER_FACTOR, INTERVAL, Equation, Samples, device_factor
+from via_core.modulated_rows import INTERVAL, Equation, Samples
+from via_core.motor_stops import reach_of, stopped_text
 from via_core.plausibility import equations_of, interval_of, worst
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE, IMPLAUSIBLE, OK, OUTSIDE_RANGE, Status
 
 from via_estimators.contract import Health, Kernel
+from via_estimators.plausible_outputs import bounds_of, deflections_of, exceeded, exceeded_text, steps_of
 from via_estimators.slots import slots
 from via_estimators.window import RESTARTED, SKIPPED, TAKEN, sound
 from via_estimators.wrapped import Wrapped
@@ -45,15 +47,18 @@ HOLD = 3.0  # [s] of possible intervals after which a fault is over
 RATE = 250.0  # [Hz] of the samples kept
 ROOM = 1.2  # [intervals] of samples kept
 NEVER = -1e300  # [s] before every stamp
-FURTHEST, FASTEST = 1.0, 1e3  # [rad], [rad/s]: an angle that steps further is a measurement fault
-STRONGEST = 10.0  # [-] largest step of a torque, over the largest torque of motor and spring
 LONGEST = 0.05  # [s] between samples that are compared; later, a signal that stays beyond a step is believed
 SURE = 3.0  # [standard deviations] by which an estimate must miss its bounds
 ALL, NONE = -1, -2  # owners of an output that is a sum over the motors, or that has no motor
 # Stamp of the last sample and of the last one kept; time of the next comparison; end of the suspicion; ring position
 # and filling; 1 while implausible; time over which the torques are summed; number of the last output outside its
 # bounds, from 1, or 0, and its value; stamp of the last estimate within them before `_doubt`.
-HEAD = slots("last", "kept", "next", "until", "slot", "filled", "implausible", "summed", "outside", "found", "fits")
+# Then smallest and largest angle of two motors (`reach_of`), the motor at a stop, from 1, below 0 at its lower one, and
+# largest deflections [rad].
+HEAD = slots(
+    "last", "kept", "next", "until", "slot", "filled", "implausible", "summed", "outside", "found", "fits",
+    "lowest", "lowest_2", "highest", "highest_2", "stopped", "deflection", "deflection_2",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -76,9 +81,12 @@ class Checked(Wrapped):
     def init(self) -> Array:
         head = np.zeros(HEAD.size)
         head[[HEAD.last, HEAD.kept, HEAD.next, HEAD.until]] = NEVER
+        head[HEAD.lowest : HEAD.highest], head[HEAD.highest : HEAD.stopped] = np.inf, -np.inf
         columns = 1 + len(self.inputs)
         before = np.full(columns, np.nan)
-        state = np.concatenate([self.inner.init(), head, np.zeros(columns), before, np.zeros(self._kept * columns)])
+        bounds = np.concatenate(bounds_of(self.device, self.outputs, head[HEAD.deflection :]))
+        ring = np.zeros(self._kept * columns)
+        state = np.concatenate([self.inner.init(), head, np.zeros(columns), before, bounds, ring])
         state.flags.writeable = False
         return state
 
@@ -102,19 +110,26 @@ class Checked(Wrapped):
     def fault(self, state: Array) -> str:
         """The suspected fault with its remedy, '' while samples and estimates are plausible."""
         head = self._head(state)
+        beyond = exceeded_text(self.device, head[HEAD.deflection :])
+        if head[HEAD.stopped]:
+            motor, upper = int(abs(head[HEAD.stopped])), head[HEAD.stopped] > 0.0
+            return stopped_text(motor, head[(HEAD.highest if upper else HEAD.lowest) + motor - 1], upper)
         if head[HEAD.implausible]:
             fault = fault_of(self.device, self._samples(state), suspected=True)
             unknown = "signals of the last seconds do not fit the device file; no single fault explains them"
-            return fault.text if fault else unknown
+            if fault and fault.proven:
+                return fault.text
+            return "; ".join(filter(None, (fault.text if fault else unknown, beyond)))
         if head[HEAD.outside]:
             at, found = int(head[HEAD.outside]) - 1, head[HEAD.found]
+            low, high = self._bounds(state)
             filed = {int(motor[0]): motor[1] for motor in self._motors}
             ratio = f" = {found / filed[at]:.2g} x the file" if at in filed else ""
             return (
                 f"{self.outputs[at]} found is {found:.3g}{ratio}, impossible for '{self.device.name}', whose file "
-                f"allows {self._bounds[0][at]:.3g} to {self._bounds[1][at]:.3g}: check signs, units and the device file"
+                f"allows {low[at]:.3g} to {high[at]:.3g}: check signs, units and the device file"
             )
-        return ""
+        return beyond or self.inner.fault(state[: self._size])
 
     @cached_property
     def _equations(self) -> tuple[Equation, ...]:
@@ -135,27 +150,17 @@ class Checked(Wrapped):
         return int(ROOM * self._interval * RATE)
 
     @cached_property
-    def _constants(self) -> tuple[Array, Array, Array, Array, Array, Array, float]:
-        """Masks (1 + k,) of needed columns and of averaged ones, bounds, `_motors`, `_owners`, interval [s]."""
+    def _constants(self) -> tuple[Array, Array, Array, Array, float]:
+        """Masks (1 + k,) of needed columns and of averaged ones, `_motors`, `_owners`, interval [s]."""
         logged = {"theta_1"} if self.device.drive == "servo" else set()  # not part of the equation, often missing
         logged |= {"theta_2"} if self._serial else set()  # where it is missing, the preset stays
         needed = np.array([True, *(name not in logged for name in self.inputs)])
         torques = np.array([False, *(name.startswith("tau") for name in self.inputs)])
-        return (needed, torques, *self._bounds, self._motors, self._owners, self._interval)
+        return (needed, torques, self._motors, self._owners, self._interval)
 
     @cached_property
     def _steps(self) -> tuple[Array, Array]:
-        """Largest step (1 + k,) of every column between two samples, and what it grows by per second; inf: any."""
-        device = self.device
-        springs = [abs(float(spring.torque(spring.max_deflection))) for spring in device.springs]
-        limits = [getattr(motor, "torque_limit", None) or 0.0 for motor in device.motors]
-        largest, step, rate = max([0.0, *springs, *limits]), [np.inf], [0.0]
-        for name in self.inputs:
-            angle = name == "q" or (name.startswith("theta_") and name[6:].isdigit())
-            torque = name.startswith("tau") and largest > 0.0
-            step.append(FURTHEST if angle else STRONGEST * largest if torque else np.inf)
-            rate.append(FASTEST if angle else 0.0)
-        return np.array(step), np.array(rate)
+        return steps_of(self.device, self.inputs)
 
     @cached_property
     def _motors(self) -> Array:
@@ -176,38 +181,13 @@ class Checked(Wrapped):
              for name, (kind, _, number) in zip(self.outputs, numbers, strict=True)]
         )  # fmt: skip
 
-    @cached_property
-    def _bounds(self) -> tuple[Array, Array]:
-        """Smallest and largest plausible outputs (k,)."""
-        device, given = self.device, self.device.tolerances
-        late = max(1.0 / device.sensors.rate, given.torque_timing)
-        factor, motor = device_factor(given.spring), device_factor(given.motor_inertia)
-        stiffest = []
-        for spring in device.springs:
-            phi = np.linspace(-spring.max_deflection, spring.max_deflection, 129)
-            steepest = factor * float(np.max(spring.stiffness(phi, 0.0)))
-            adjustable = not np.array_equal(spring.stiffness(phi, 0.0), spring.stiffness(phi, 1.0))
-            stiffest.append(np.inf if adjustable else steepest)  # a preset has no stated limit
-        low, high = np.zeros(len(self.outputs)), np.full(len(self.outputs), np.inf)
-        for at, name in enumerate(self.outputs):
-            kind, _, number = name.rpartition("_")
-            if name == "gain":
-                low[at], high[at] = 1.0 / factor, factor
-            elif name == "damping" and device.drive == "torque" and device.arrangement == "rigid":
-                high[at] = DAMPER_FACTOR * (device.link.viscous_friction + float(device.damping_of(1.0)))
-            elif name == "stiffness" and device.drive == "torque":
-                high[at] = sum(stiffest)
-            elif kind == "stiffness" and device.drive == "torque":
-                high[at] = stiffest[int(number) - 1]
-            elif kind == "motor_inertia":
-                inertia = getattr(device.motors[int(number) - 1], "inertia", np.inf)
-                low[at], high[at] = inertia / motor, inertia * motor
-            elif kind == "motor_damping" and device.drive == "torque" and stiffest:
-                low[at] = -stiffest[int(number) - 1] * late  # q that is d late takes k d q' from a spring's torque
-        return low, high
-
     def _head(self, state: Array) -> Array:
         return state[self._size : self._size + HEAD.size]
+
+    def _bounds(self, state: Array) -> Array:
+        """The view (2, k) of `bounds_of`."""
+        begin, k = self._size + HEAD.size + 2 * (1 + len(self.inputs)), len(self.outputs)
+        return state[begin : begin + 2 * k].reshape(2, k)
 
     def _ring(self, state: Array) -> Array:
         """The view (kept, 1 + k) of the samples kept."""
@@ -225,7 +205,11 @@ class Checked(Wrapped):
         angles = np.column_stack(theta) if theta else np.empty((len(rows), 0))
         command = np.column_stack([columns["equilibrium"], columns["preset"]]) if self.device.drive == "servo" else None
         torques = np.column_stack(torque) if torque else np.empty((len(rows), 0))
-        return Samples(columns["time"], columns["q"], angles, torques, command)
+        reach, m = None, angles.shape[1]
+        if self.device.drive == "torque":
+            low, high = reach_of(columns["time"], angles)
+            reach = np.array([np.minimum(head[HEAD.lowest :][:m], low), np.maximum(head[HEAD.highest :][:m], high)])
+        return Samples(columns["time"], columns["q"], angles, torques, command, reach)
 
     @property
     def _advance(self) -> Kernel:
@@ -249,9 +233,21 @@ class Checked(Wrapped):
     def _compare(self, state: Array) -> None:
         """Compare the last samples with the device's equations, and set whether they are implausible."""
         head, samples = self._head(state), self._samples(state)
-        found = worst([each.share(samples) for each in self._equations])
-        now = head[HEAD.last]
-        if found.impossible or (head[HEAD.implausible] and not found.known):
+        if samples.reach is not None:
+            for at, reached in zip((HEAD.lowest, HEAD.highest), samples.reach, strict=True):
+                head[at : at + len(reached)] = reached
+            latest = deflections_of(self.device, samples)
+            seen = head[HEAD.deflection :][: len(latest)]
+            grown = exceeded(self.device, latest) & (latest > seen)
+            seen[:] = np.maximum(seen, latest)
+            if grown.any():
+                self._bounds(state)[:] = bounds_of(self.device, self.outputs, seen)
+        shares = [each.share(samples) for each in self._equations]
+        found, now = worst(shares), head[HEAD.last]
+        stopped = [(1 + i) * each.stopped for i, each in enumerate(shares) if each.known and each.stopped]
+        head[HEAD.stopped] = stopped[0] if stopped and not found.impossible else 0.0
+        spoilt = head[HEAD.stopped] and not self.inner.skips_stops
+        if found.impossible or spoilt or (head[HEAD.implausible] and not found.known):
             head[HEAD.implausible], head[HEAD.until] = 1.0, now + HOLD
         elif head[HEAD.implausible] and now >= head[HEAD.until]:
             head[HEAD.implausible] = 0.0
@@ -311,14 +307,13 @@ def _until(state: Array, size: int, rows: Array, at: int, needed: Array, interva
 
 @njit(cache=True, error_model="numpy")
 def _finish(
-    state: Array, size: int, rows: Array, out: Array, needed: Array, torques: Array, low: Array, high: Array,
-    motors: Array, owners: Array, interval: float,
+    state: Array, size: int, rows: Array, out: Array, needed: Array, torques: Array, motors: Array, owners: Array,
+    interval: float,
 ) -> bool:  # fmt: skip
     """Keep the samples of the rows and grade their estimates; returns whether a comparison is due.
 
     size        of the inner estimator's state, which the HEAD follows
     needed, torques  (1 + k,) columns of a row without which it is skipped, and those that are averaged
-    low, high   bounds of the outputs
     motors      (m, 3), as `Checked._motors`
     owners      (k,), as `Checked._owners`
     interval    [s] of a comparison
@@ -326,7 +321,9 @@ def _finish(
     width = rows.shape[1]
     head = state[size : size + HEAD.size]
     sums = state[size + HEAD.size : size + HEAD.size + width]
-    ring = state[size + HEAD.size + 2 * width :].reshape(-1, width)
+    begin, count = size + HEAD.size + 2 * width, owners.size
+    low, high = state[begin : begin + count], state[begin + count : begin + 2 * count]
+    ring = state[begin + 2 * count :].reshape(-1, width)
     kept = ring.shape[0]
     due, outside = False, 0
     for k in range(rows.shape[0]):

@@ -163,6 +163,11 @@ class Estimator(ABC):
         """Whether standard deviations include the tolerances of the torques' scale and timing (`torque_errors`)."""
         return False
 
+    @property
+    def skips_stops(self) -> bool:
+        """Whether equations in which a mechanical stop holds a motor are left out (`mechanical_stop`)."""
+        return False
+
     def load(self) -> None:
         """Load every compiled function, so that no sample waits for one."""
         self.run_rows(np.full((1, 1 + len(self.inputs)), np.nan))

@@ -188,6 +188,28 @@ def wander(state: Array, age: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def elapsed(state: Array, time: float) -> float:
+    """Time [s] since the last equation, 0 before the first."""
+    return max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def innovation_of(
+    state: Array, n: int, row: Array, y: float, passed: float, g: Array, within: float
+) -> tuple[float, float, float]:  # fmt: skip
+    """Innovation of y by the combined estimate, `passed` [s] later; its variance but for `beside`; what a jump adds."""
+    mean, covariance = estimate_of(state, n)
+    models, level, innovation, along = models_of(state), 0.0, y, 0.0
+    for j in range(MODELS):
+        level += models[MODEL.probability, j] * models[MODEL.noise, j]
+    for i in range(n):
+        innovation -= row[i] * mean[i]
+        along += row[i] * g[i]
+    doubt = gaussians.quadratic(covariance, row) + wander(state, passed) * along * along
+    return innovation, doubt + level * within, (JUMP * along) ** 2
+
+
+@njit(cache=True, error_model="numpy")
 def returning(state: Array, n: int) -> float:
     """Variance that an effect missing in the equation adds, over that of independent noise; ~0 if noise is white."""
     models, total = models_of(state), 0.0
@@ -298,12 +320,12 @@ def take(
     work            `scratch`
     """
     ahead, probable, likely, fresh = work[0, :n], work[2], work[3], work[5, :n]
-    models, elapsed = models_of(state), max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
-    stay = exp(-elapsed / memory)
+    models, passed = models_of(state), elapsed(state, time)
+    stay = exp(-passed / memory)
     _interact(state, n, scale, stay, steadiness, probable, work[4, :n], work[6:].reshape(-1)[: n * n].reshape(n, n))
     along, rubbing, highest, total = 0.0, 0.0, -inf, 0.0
     last = state[state.size - n - 1 :]
-    again = exp(-elapsed / CORRELATION) if elapsed > 0.0 else 0.0
+    again = exp(-passed / CORRELATION) if passed > 0.0 else 0.0
     for i in range(n):
         along += row[i] * g[i]
         rubbing += friction[i] * row[i] * row[i]
@@ -312,10 +334,10 @@ def take(
     for j in range(MODELS):
         x, P = _block(state, n, j + 1)
         walk, wear, gained, noise = WALKS[j] ** 2, WEARS[j] ** 2, GAINS[j] ** 2, models[MODEL.noise, j]
-        lasted, rate = (elapsed, 1.0) if j < JUMPING else (1.0, 1.0 / max(elapsed, wobble, NEVER))
+        lasted, rate = (passed, 1.0) if j < JUMPING else (1.0, 1.0 / max(passed, wobble, NEVER))
         if j >= JUMPING and gained > 0.0:
             x[scale], P[scale, :], P[:, scale] = 0.0, 0.0, 0.0
-        _predict(x, P, g, first, elapsed, min(walk * lasted, FURTHEST), TRENDS[j] ** 2)
+        _predict(x, P, g, first, passed, min(walk * lasted, FURTHEST), TRENDS[j] ** 2)
         for i in range(n):
             P[i, i] += friction[i] * min(wear * lasted, FURTHEST)
         P[scale, scale] += min(gained * lasted, FURTHEST)

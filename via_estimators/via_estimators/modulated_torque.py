@@ -70,9 +70,19 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE
 
-from via_estimators import gaussians, interacting_models, nested, passive, torque_equation, transmissions, window
-from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
-from via_estimators.modulated_priors import loss_of, window_for
+from via_estimators import (
+    gaussians,
+    interacting_models,
+    mechanical_stop,
+    nested,
+    passive,
+    torque_equation,
+    transmissions,
+    window,
+)  # fmt: skip
+from via_estimators.contract import Estimator, Kernel, Parameters, expect
+from via_estimators.mechanical_stop import STOP
+from via_estimators.modulated_priors import DEFAULTS, ModulatedTorqueParameters, loss_of, window_for
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, terms_for
 from via_estimators.torque_equation import COLUMNS, LAG, PHI, PRESET, QUANTUM, TAU, THETA, P, U
@@ -92,52 +102,15 @@ ABSENT = nested.odds_of(len(EFFECTS))
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative,
 # factor of the covariance, less 1 (`interacting_models.returning`, `passive.restrict`), windows that stuck.
-KEPT = slots("moved", "moving", "wider", "stuck", after=VISITED)
+KEPT = slots("moved", "moving", "wider", "stuck", after=STOP)
 ROW = slots("since")  # of the joint: samples since the last equation
-
-
-@dataclass(frozen=True)
-class ModulatedTorqueParameters(Parameters):
-    """Parameters of `ModulatedTorque`; the prior is so wide that data soon replace it."""
-
-    transmissions: int = parameter(2, "number of motors with a transmission each", "-", 1, 2)
-    window: int = parameter(200, "sampling intervals per window", "-", 20, 2000)
-    modulating_order: int = parameter(5, "h of the modulating function w_hh", "-", 2, 9)
-    order: int = parameter(3, "odd terms of the spring law", "-", 1, MOST_TERMS)
-    even_terms: int = parameter(0, "even terms in addition, the constant first", "-", 0, MOST_TERMS)
-    preset_terms: int = parameter(0, "odd terms in proportion to the preset theta_2 in addition", "-", 0, MOST_TERMS)
-    truncation: float = parameter(1.0, "truncation error over the last term; 0: the basis is exact", "-", 0.0, 10.0)
-    memory: float = parameter(60.0, "mean time between changes of how fast the spring changes", "s", 0.05, 1e9)
-    steadiness: float = parameter(0.5, "probability that a spring does not change; 1: it never does", "-", 0.0, 1.0)
-    max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
-    deflection_scale: float = parameter(1.0, "deflection at which all terms have equal weight", "rad", 1e-3, 10.0)
-    stiffness_prior: float = parameter(0.0, "stiffness per transmission before any data", "N m/rad", 0.0, 1e9)
-    stiffness_deviation: float = parameter(300.0, "standard deviation of the prior stiffness", "N m/rad", 1e-6, 1e9)
-    inertia_prior: float = parameter(0.0, "motor inertia before any data", "kg m^2", 0.0, 1e3)
-    inertia_deviation: float = parameter(0.1, "standard deviation of the prior inertia", "kg m^2", 1e-9, 1e3)
-    damping_prior: float = parameter(0.0, "motor damping before any data", "N m s/rad", 0.0, 1e4)
-    damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
-    friction_prior: float = parameter(0.0, "dry friction of a motor before any data", "N m", 0.0, 1e6)
-    friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
-    loss_prior: float = parameter(0.0, "damping of a transmission before any data", "N m s/rad", 0.0, 1e4)
-    loss_deviation: float = parameter(3.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
-    delay_deviation: float = parameter(0.003, "standard deviation of the torque's delay before data", "s", 1e-9, 1.0)
-    constant_deviation: float = parameter(300.0, "standard deviation of the constant before any data", "N m", 1e-9, 1e9)
-    gear_deviation: float = parameter(0.1, "standard deviation of a gear's friction over its load", "-", 1e-9, 1.0)
-    creep_deviation: float = parameter(10.0, "standard deviation of the stiffness that relaxes", "N m/rad", 1e-9, 1e9)
-    play_deviation: float = parameter(20.0, "standard deviation of the stiffness missing near 0", "N m/rad", 1e-9, 1e9)
-    torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
-    torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
-    position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
-    minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
-    range_margin: float = parameter(0.02, "margin beyond the visited range, relative to it", "-", 0.0, 1.0)
 
 
 @dataclass(frozen=True)
 class ModulatedTorque(Estimator):
     """Stiffness of one or two transmissions from motor torques and angles on both sides."""
 
-    parameters: ModulatedTorqueParameters = ModulatedTorqueParameters()
+    parameters: ModulatedTorqueParameters = DEFAULTS
 
     @classmethod
     def from_device(cls, device: Device) -> ModulatedTorque:
@@ -161,6 +134,10 @@ class ModulatedTorque(Estimator):
 
     @property
     def models_torque_errors(self) -> bool:
+        return True
+
+    @property
+    def skips_stops(self) -> bool:
         return True
 
     @cached_property
@@ -217,6 +194,11 @@ class ModulatedTorque(Estimator):
         parts = _parts(state, self.parameters.transmissions, n)
         return sqrt(max(interacting_models.condition(_equation(part, n), n, U.scale) for part in parts))
 
+    def fault(self, state: Array) -> str:
+        """Whether a mechanical stop holds a motor."""
+        parts = _parts(state, self.parameters.transmissions, self._unknowns)
+        return next((text for i, part in enumerate(parts) if (text := mechanical_stop.fault(part, 1 + i))), "")
+
     @cached_property
     def _advance(self) -> Kernel:
         return partial(_advance, self._constants)
@@ -264,30 +246,35 @@ def _learn(
     preset = own[PRESET, length // 2]
     stiffness = torque_equation.stiffness(par, mean, width, x, middle, preset, direction)[0]
     inertia, damping, friction = mean[:3] + width[:3] * x[:3]
-    within = angles = 0.0
-    for k in range(length):
-        of_link = stiffness * psi[0, k]
-        of_motor = inertia * psi[2, k] - damping * psi[1, k] + of_link
-        within += held[k] * held[k]
-        angles += of_motor * of_motor + of_link * of_link
+    within, angles = torque_equation.of_noise(psi, held, stiffness, inertia, damping)
     for j in range(U.slow, U.long + 1):
         friction += mean[j] + width[j] * x[j]
     any_friction = friction**2 + gaussians.quadratic(covariance[dry, dry], width[dry])
     furthest = max(-kept[VISITED.low], kept[VISITED.high], abs(middle))
     row[U.stuck] *= sqrt(any_friction) / furthest if furthest > 0.0 else 0.0
-    elapsed = max(times[length // 2] - equation[interacting_models.HEAD.time], 0.0)
+    elapsed = interacting_models.elapsed(equation, times[length // 2])
     kept[KEPT.stuck] = kept[KEPT.stuck] * exp(-elapsed / par[P.memory]) + unknown
     returning = max(kept[KEPT.stuck] / (n - 1.0), 1.0)
     beside = par[P.position_noise] ** 2 * angles + returning * unknown**2 * any_friction
     scale, constant = torque_equation.rescale(mean, width, x, row)
     y, beside = y + constant, scale * scale * beside
+    pull = y
     for j in range(n):
         y -= row[j] * mean[j]
         row[j] *= width[j] / noise
         direction[j] = mean[j] / width[j] + x[j] if U.creep <= j < n - 1 else 0.0
+    y, beside = y / noise, beside / noise**2
+    surprise, doubt, jump = interacting_models.innovation_of(equation, n, row, y, elapsed, direction, within)
+    momentum, doubt = inertia * window.span_of(own[THETA]) / span, noise**2 * (doubt + beside)
+    if mechanical_stop.holds(
+        kept, own[THETA], psi[0], span, elapsed, par[P.memory], momentum, pull, noise * surprise, doubt,
+        noise**2 * jump,
+    ):  # fmt: skip
+        kept[KEPT.moving] = 0.0
+        return
     interacting_models.take(
         equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, U.creep, WORN[:n], U.scale, row,
-        y / noise, within, beside / noise**2, WOBBLE * span, work,
+        y, within, beside, WOBBLE * span, work,
     )  # fmt: skip
     reported, uncertain = _reported(part, n)
     reported[:], uncertain[:, :] = x, covariance
@@ -384,6 +371,7 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             if due:
                 window.unroll(ring[i], window.oldest_of(slot, length), own)
                 moved = window.span_of(own[PHI])
+                mechanical_stop.reach(kept, own[THETA])
                 kept[KEPT.moved], kept[KEPT.moving] = moved, 1.0 if moved >= par[P.minimum_motion] else 0.0
                 if kept[KEPT.moving] > 0.0:
                     _learn(par, stamps[0], psi, held, late, own, part, regressors, slope, work)

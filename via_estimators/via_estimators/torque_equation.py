@@ -144,6 +144,18 @@ def fill_row(
 
 
 @njit(cache=True, error_model="numpy")
+def of_noise(psi: Array, held: Array, stiffness: float, inertia: float, damping: float) -> tuple[float, float]:
+    """Variance of a row's equation per variance of a torque and of an angle, at psi (3, L) and `held` (L,)."""
+    within = angles = 0.0
+    for k in range(held.size):
+        of_link = stiffness * psi[0, k]
+        of_motor = inertia * psi[2, k] - damping * psi[1, k] + of_link
+        within += held[k] * held[k]
+        angles += of_motor * of_motor + of_link * of_link
+    return within, angles
+
+
+@njit(cache=True, error_model="numpy")
 def gear(par: Array, mean: Array, width: Array, x: Array, psi: Array, own: Array) -> float:
     """<|tau_e(phi)| z_1, psi> with the spring law found so far, for a gear whose friction grows with its load."""
     order, scale, total = int(par[P.order]), par[P.deflection_scale], 0.0
