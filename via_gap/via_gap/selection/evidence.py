@@ -151,17 +151,21 @@ def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
 def outdone_by(a: Evaluation, b: Evaluation) -> bool:
     """Whether a is refuted beside b, or leaves what b explains: something that happens in few segments.
 
-    Resamples assume that blocks are alike, which a push or a limit that is reached twice contradicts. It is certain if
-    a leaves more than b in the mean and in the largest error, by more than noise is known: what b leaves shows how
-    large the errors of a model with small faults (a belt, a slow sensor) can be in this log, if there are enough: the
-    largest of n + 1 errors of one kind is that of a in 1 of n + 1 cases. Of several such events, one is not enough: the
-    others keep the mean up.
+    Blocks of segments are taken as alike, which a push or a limit that is reached twice contradicts. It is certain if a
+    leaves more than b in the mean and in the largest error, by more than noise is known, and if the largest is beyond
+    the prediction interval of one more loss like those of b: these show how large the errors of a model with small
+    faults (a belt, a slow sensor) can be in this log. Of several such events, one is not enough: the others keep the
+    mean up.
     """
-    if refuted_beside(a, b) or (len(b.segments) + 1) * NUMBERS.significance < 1.0:
+    count = len(b.segments)
+    if refuted_beside(a, b) or count < 2:
         return refuted_beside(a, b)
     factor = NUMBERS.no_gap**2
     pairs = ((np.mean(each.segments), np.max(each.segments)) for each in (a, b))
-    return all(more > factor * max(less, 1.0) for more, less in zip(*pairs, strict=True))
+    usual = np.log1p(b.segments)
+    widest = quantile(count, count) * np.std(usual, ddof=1) * np.sqrt(1.0 + 1.0 / count)
+    beyond = np.log1p(a.segments.max()) > np.mean(usual) + widest
+    return bool(beyond) and all(more > factor * max(less, 1.0) for more, less in zip(*pairs, strict=True))
 
 
 def predicts(each: Evaluation, without: Evaluation) -> bool:
@@ -197,9 +201,9 @@ def resamples(blocks: int) -> Indices:
 
 
 @cache
-def quantile(count: int) -> float:
-    """Standard deviations of the mean of `count` values to the end of its one-sided confidence interval."""
-    return float(student_t.ppf(1.0 - NUMBERS.significance, count - 1))
+def quantile(count: int, trials: int = 1) -> float:
+    """Student's t with `count` - 1 degrees of freedom that the largest of `trials` exceeds at the significance."""
+    return float(student_t.ppf(1.0 - NUMBERS.significance / trials, count - 1))
 
 
 def freedom(fit: Fit) -> int:
