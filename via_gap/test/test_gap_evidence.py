@@ -237,7 +237,7 @@ def test_a_push_is_clear_beside_errors_of_the_model_that_are_far_above_the_noise
 
 @pytest.mark.parametrize("whole", [False, True])
 def test_an_event_is_beyond_what_a_model_leaves_by_the_scatter_of_its_losses(whole):
-    """Five segments with losses around 2: a loss of 7 is an event beside an sd of .2, and may be none beside one of 2."""
+    """Five segments with losses around 2: a loss of 7 is an event beside an sd of .2, and hardly beside one of 2."""
     scatter = np.array([-1.2, 0.3, -0.4, 1.5, -0.2])
     scatter *= 1.0 / scatter.std(ddof=1)
     left = {sd: np.expm1(2.0 - sd * scatter.mean() + sd * scatter) for sd in (0.2, 2.0)}
