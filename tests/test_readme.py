@@ -46,16 +46,17 @@ def excepted(command: str) -> str | None:
 
 
 def test_readme_has_the_figures_of_the_page_of_real_robots():
-    """Cases, named, silent, wrong, sizes and recordings that became worse."""
+    """Cases, named, tied, silent, wrong, sizes and recordings that became worse."""
     report = " ".join((ROOT / "docs" / "results" / "gap-real.md").read_text().split())
     readme = " ".join((ROOT / "README.md").read_text().split())
     named, cases = findall(r"\*\*(\d+) of (\d+) known causes named", report)[0]
-    wrong = findall(r"(\d+) answers wrong", report)[0]
+    tied, wrong = findall(r"(\d+) more rightly tied, (\d+) answers wrong", report)[0]
+    missed = int(cases) - int(named) - int(tied) - int(wrong)
     off, sizes = findall(r"(\d+) of (\d+) sizes", report)[0]
     worse, others = findall(r"on (\d+) of (\d+) other recordings", report)[0]
     for stated in (
         f"In {cases} cases from public recordings",
-        f"named the cause in {named}, missed it in {int(cases) - int(named) - int(wrong)}, and was wrong in {wrong}",
+        f"named the cause in {named}, tied it with others in {tied}, missed it in {missed}, and was wrong in {wrong}",
         f"{off} of {sizes} sizes were off",
         f"on {worse} of {others} other recordings",
     ):
