@@ -3,9 +3,6 @@
 The descriptors of a segment are sums of quantities that make parameters visible: squared speed, reversals, squared
 acceleration, and squared speed in each part of the angle range. A held-out part is representative if it has its share
 of each of them. Groups (a log, the runs of one motion) are held out as a whole.
-
-Three recordings of sines, ramps and steps do not contain comparable motion: if the one with steps is held out, a torque
-limit is seen where nothing is fitted. No choice of whole groups is representative then.
 """
 
 from __future__ import annotations
@@ -16,7 +13,6 @@ import numpy as np
 from via_core.signals import Array, Indices, Mask
 
 SHARE = 0.4  # of the information that is held out: two of five, as in alternating blocks
-LEAST = 0.5  # of its share: a side that has less of a descriptor does not represent the motion
 EXHAUSTIVE = 12  # groups up to which all choices are tried; beyond, single groups are exchanged
 
 
@@ -27,8 +23,7 @@ def hold_out(information: Array, groups: Sequence[Hashable]) -> Indices:
     groups       (S,) group of each segment
 
     The choice minimises the largest squared difference from SHARE, then their mean; of equal choices it is the first.
-    With one group, where nothing moves, or if one side has less than half of its share of a descriptor, nothing is
-    held out.
+    With one group, or where nothing moves, nothing is held out.
     """
     names = list(dict.fromkeys(groups))
     which = np.array([names.index(group) for group in groups], dtype=np.intp)
@@ -40,10 +35,14 @@ def hold_out(information: Array, groups: Sequence[Hashable]) -> Indices:
     if len(names) < 2 or not seen.any():
         return np.empty(0, dtype=np.intp)
     chosen = (_every if len(names) <= EXHAUSTIVE else _exchanged)(parts[:, seen])
-    held = chosen @ parts[:, seen]
-    if np.min(held) < LEAST * SHARE or np.max(held) > 1.0 - LEAST * (1.0 - SHARE):
-        return np.empty(0, dtype=np.intp)
     return np.flatnonzero(chosen[which])
+
+
+def unlike(information: Array, held: Indices) -> float:
+    """Largest difference from SHARE of the part of a descriptor (S, k) that the segments `held` have; 0: alike."""
+    total = information.sum(axis=0)
+    parts = information[held].sum(axis=0)[total > 0.0] / total[total > 0.0]
+    return float(np.max(np.abs(parts - SHARE), initial=0.0))
 
 
 def describe(angle: Array, speed: Array, cells: int = 4) -> Array:
