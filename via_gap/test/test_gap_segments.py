@@ -9,7 +9,7 @@ from via_core.errors import SignalError
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog, believed
 from via_gap.logs.quality import assessed
-from via_gap.residual import segments as segments_module
+from via_gap.residual.cuts import rest_from
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import binned, cut_log
 from via_gap.residual.true_starts import without_parts
@@ -203,10 +203,10 @@ def test_a_rest_counts_once_and_each_motion_for_itself():
     path[[0, 7, 12, 13]] = np.linspace(0.0, 1.0, segments.ticks + 1)[:, None]
     path[1:7] += 1.0
     path[8:12] += 2.0 + 1e-4 * np.random.default_rng(1).normal(size=(4, segments.ticks + 1, 1))
-    found = segments_module._rest_from(path, np.array([2e-3]))
+    found = rest_from(path, np.array([2e-3]))
     assert found.tolist() == [0, *[1] * 6, 7, *[8] * 4, 12, 13]
     slow = np.linspace(0.0, 0.02, 14)[:, None, None] + np.zeros((14, 3, 1))  # creeps: no rest, though no one moves
-    assert len(set(segments_module._rest_from(slow, np.array([2e-3])))) > 5
+    assert len(set(rest_from(slow, np.array([2e-3])))) > 5
     resting = replace(segments, begin=segments.begin[:14], rest_from=found)
     every = ResidualModel.of([resting, resting], [np.arange(14), np.array([2, 3, 9])])
     squares = np.arange(17.0)

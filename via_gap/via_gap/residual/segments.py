@@ -26,6 +26,7 @@ from via_gap.logs.noise import LogNoise, error_correlation, log_noise, torque_de
 from via_gap.logs.quality import SEGMENT, SPANS, Quality
 from via_gap.logs.rounding import interpolated, mean_variance, step_of, variances
 from via_gap.logs.start import FIRST
+from via_gap.residual.cuts import begins, inside, rest_from
 from via_gap.residual.smoothing import smoothed, window_of
 
 # [Hz] ticks: a slower log is simulated with several ticks per sample, one for each command up to FASTEST, beyond the
@@ -38,7 +39,6 @@ SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity
 BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # commands that do not drive motors
 ROUNDED = 1e-6  # of a tick
 SMALLEST = 1e-6  # [rad] of a noise
-EDGE = 1e-3  # [s] by which a segment may extend beyond a usable interval
 LOST = 1.5  # periods between two samples from which one between them was lost
 HIDDEN = 3.0  # the same, from which interpolated angles are no measurement
 ENOUGH = 8  # measured values in a segment: of fewer, the mean square of noise alone exceeds 2 (`no_gap`) in 5 % of them
@@ -184,8 +184,8 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     start_sd[0, still] = 0.0
     known_start = np.all(start_sd <= START, axis=1)
     if quality is not None:
-        known_start &= _inside(grid, ticks / rate, quality.usable)
-    begin = _begins(known_start, ticks, every)
+        known_start &= inside(grid, ticks / rate, quality.usable)
+    begin = begins(known_start, ticks, every)
     share = np.full(len(axes), 1.0 / every if averaged else 1.0)  # variance of a bin over that of a sample
     for i in np.flatnonzero(sd > 0.0):
         path = states[:, axes[i]]
@@ -215,7 +215,7 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
         density[columns] = torque_densities(log, known, ticks / rate)[: len(columns)]
     return Segments(
         log, rate, origin, ticks, every, averaged, axes, drive_rows(log, grid), begin, angles, hidden, states, measured,
-        weight, _rest(log), rests, valid, _rest_from(cut, 4.0 * sd + quanta), gaps, apart, density, sample_noise, noise,
+        weight, _rest(log), rests, valid, rest_from(cut, 4.0 * sd + quanta), gaps, apart, density, sample_noise, noise,
         start_noise,
     )  # fmt: skip
 
@@ -242,35 +242,6 @@ def lined(segments: Segments, late: float) -> Segments:
     """The same with commands interpolated linearly and delayed by `late` [s] (`via_gap.logs.between`)."""
     log, grid = in_lines(segments.log, late), segments.origin + np.arange(len(segments.commands)) / segments.rate
     return replace(segments, log=log, commands=drive_rows(log, grid))
-
-
-def _begins(known: Mask, ticks: int, every: int) -> Indices:
-    """(S,) ticks where segments begin, multiples of `every`: 0, then each time the first whose state is known.
-
-    Segments do not overlap. Where no sample is lost, each begins where the one before ends.
-    """
-    places = every * np.flatnonzero(known[: len(known) - ticks : every])
-    found = [0]
-    while (k := np.searchsorted(places, found[-1] + ticks)) < len(places):
-        found.append(places[k])
-    return np.array(found, dtype=np.intp)
-
-
-def _rest_from(angles: Array, noise: Array) -> Indices:
-    """(S,) first of the neighbouring segments in which all axes (S, n + 1, a) stay within a range of `noise` (a,)."""
-    low, high = angles.min(axis=1), angles.max(axis=1)
-    found = np.arange(len(angles))
-    for k in range(1, len(angles)):
-        rest = slice(found[k - 1], k + 1)
-        if np.all(high[rest].max(axis=0) - low[rest].min(axis=0) <= noise):
-            found[k] = found[k - 1]
-    return found
-
-
-def _inside(begin: Array, span: float, usable: Sequence[tuple[float, float]]) -> Mask:
-    """(S,) whether segments from `begin` [s] with length `span` [s] lie within one of the usable intervals."""
-    within = [(low - EDGE <= begin) & (begin + span <= high + EDGE) for low, high in usable]
-    return np.any(within, axis=0) if within else np.zeros(len(begin), dtype=np.bool_)
 
 
 def whole_log(log: JointLog, quality: Quality | None = None) -> Segments:
