@@ -34,7 +34,8 @@ from via_core.signals import Array, Indices
 from via_gap.logs.between import steps_of, usual
 from via_gap.logs.noise import stamp_jitter
 from via_gap.logs.quality import SEGMENT, SHORT
-from via_gap.residual.segments import ROUNDED, Segments, drive_rows, measured_columns
+from via_gap.residual.driven import drive_rows, measured_columns
+from via_gap.residual.segments import ROUNDED, Segments
 
 NO_JITTER = 0.01  # of a tick: errors of stamps by rounding alone are smaller
 GROUPS = 8  # gaps in a segment with pulses of their own, the largest; others share one, with random signs

@@ -16,17 +16,16 @@ from scipy.signal import savgol_filter
 from via_core.errors import SignalError
 from via_core.signals import Array, Mask
 from via_core.signals import Indices as Indices
-from via_sim.joint.layout import EXTERNAL, N_COMMANDS
 from via_sim.plants import JointPlant
-from via_sim.simulate import command_rows
 
-from via_gap.logs.between import acting, along, in_lines
+from via_gap.logs.between import in_lines
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import LogNoise, error_correlation, log_noise, torque_densities
 from via_gap.logs.quality import SEGMENT, SPANS, Quality
 from via_gap.logs.rounding import interpolated, mean_variance, step_of, variances
 from via_gap.logs.start import FIRST
 from via_gap.residual.cuts import begins, inside, rest_from
+from via_gap.residual.driven import drive_rows, measured_columns, noisy_columns
 from via_gap.residual.smoothing import smoothed, window_of
 
 # [Hz] ticks: a slower log is simulated with several ticks per sample, one for each command up to FASTEST, beyond the
@@ -36,7 +35,6 @@ BIN = 0.004  # [s] over which angles are averaged before they are compared
 START, START_SPEED = 2.0, 0.03  # times the sensor noise; [rad/s]: sd of a smoothed start, bias included
 SLOW = 0.01  # of the root mean square speed of an axis: with less it nearly rests
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
-BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # commands that do not drive motors
 ROUNDED = 1e-6  # of a tick
 SMALLEST = 1e-6  # [rad] of a noise
 LOST = 1.5  # periods between two samples from which one between them was lost
@@ -137,6 +135,11 @@ class Segments:
         return np.asarray(every - self.begin[np.searchsorted(self.begin, every, side="right") - 1])
 
     @property
+    def measured_drive(self) -> bool:
+        """Whether measured torques drive the simulation, in place of commands."""
+        return bool(measured_columns(self.log))
+
+    @property
     def time(self) -> Array:
         """(S,) [s] beginnings of the segments on the log's clock."""
         return self.origin + self.begin / self.rate
@@ -209,12 +212,13 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     read = binned(np.stack([lost[b : b + ticks + 1].astype(np.float64) for b in begin]), every, averaged) == 0.0
     valid &= read.sum(axis=(1, 2)) >= ENOUGH
     weight = read * np.sqrt(read[0].size / np.maximum(np.sum(read, axis=(1, 2), keepdims=True), 1))
+    commands = drive_rows(log, grid)
     gaps, apart = _command_gaps(log, quality, origin, rate, len(grid))
-    density = np.zeros(N_COMMANDS)
-    if columns := _noisy_columns(log):
+    density = np.zeros(commands.shape[1])
+    if columns := noisy_columns(log):
         density[columns] = torque_densities(log, known, ticks / rate)[: len(columns)]
     return Segments(
-        log, rate, origin, ticks, every, averaged, axes, drive_rows(log, grid), begin, angles, hidden, states, measured,
+        log, rate, origin, ticks, every, averaged, axes, commands, begin, angles, hidden, states, measured,
         weight, _rest(log), rests, valid, rest_from(cut, 4.0 * sd + quanta), gaps, apart, density, sample_noise, noise,
         start_noise,
     )  # fmt: skip
@@ -332,42 +336,3 @@ def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Mas
         hidden |= np.where(outside, beside, span) > HIDDEN * period
         lost[:, i] = (outside | (span > LOST * period)) & (beside > 0.25 * min(period, grid[1] - grid[0]))
     return values, hidden, lost, weights
-
-
-def drive_rows(log: JointLog, grid: Array) -> Array:
-    """Command rows (T, 4): recorded commands; without commands of the motors, the measured torque over each tick."""
-    rows = np.zeros((len(grid), N_COMMANDS))
-    whole = acting(log, grid)
-    if whole is not None and not log.motors_commanded:
-        whole = whole.select([name for name in whole.channels if name in BESIDE_MOTORS])
-    if whole is not None and len(whole) and whole.channels:
-        rows = command_rows(log.device, whole, grid)
-    if columns := measured_columns(log):
-        rows[:, columns] = _torque_after(log, grid)[:, : len(columns)]
-    return rows
-
-
-def measured_columns(log: JointLog) -> list[int]:
-    """Columns of the commands for which measured torques stand in."""
-    if log.device.n_motors:
-        return [] if log.motors_commanded else list(range(log.device.n_motors))
-    commanded = log.commands is not None and "external_torque" in log.commands
-    return [EXTERNAL] if log.device.drive == "torque" and not commanded and log.torque_seen else []
-
-
-def _noisy_columns(log: JointLog) -> list[int]:
-    """Columns of the commands that contain noise of a measurement."""
-    return measured_columns(log) or ([EXTERNAL] if log.command_measured and log.torque is not None else [])
-
-
-def _torque_after(log: JointLog, grid: Array) -> Array:
-    """Measured torque (T, m) over the tick that begins at each of `grid`.
-
-    The torque of a sample is that of the tick before it, or an instantaneous value if torques are interpolated.
-    """
-    seen = np.isfinite(log.measured["tau"]).all(axis=1)
-    time, tau = log.measured.time[seen], log.measured["tau"][seen]
-    middle = grid + 0.5 * (grid[1] - grid[0])
-    if log.lined is not None:
-        return along(middle - log.lined, time, tau)
-    return tau[np.clip(np.searchsorted(time, middle), 0, len(time) - 1)]

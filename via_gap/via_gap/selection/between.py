@@ -25,7 +25,7 @@ from via_gap.candidates.scales import Scales
 from via_gap.candidates.subset import subset
 from via_gap.logs.between import period_of
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import lined, measured_columns
+from via_gap.residual.segments import lined
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
@@ -73,7 +73,7 @@ def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:
     """[s] delay of interpolated commands; None if to first order they explain no more."""
     log = few.views[0].segments.log
     period = period_of(log)
-    ends = (-MAX_SKEW if best.fit.effects and measured_columns(log) else 0.0, 0.5 * period)
+    ends = (-MAX_SKEW if best.fit.effects and few.views[0].segments.measured_drive else 0.0, 0.5 * period)
     late, predicted = 0.0, np.inf
     for _ in range(TURNS):
         before = late
