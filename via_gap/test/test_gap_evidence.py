@@ -19,6 +19,7 @@ from via_gap.selection.evidence import (
     freedom,
     outdone_by,
     plainer,
+    predicts,
     refuted_beside,
     resamples,
     significantly_worse,
@@ -129,6 +130,20 @@ def test_fitted_segments_count_where_held_out_ones_agree():
     unlike = replace(alone[1], segments=1.1 * held, fitted=np.full(18, 1.0))
     assert not significantly_worse(both[0], unlike)  # overfitted: worse where it was not fitted
     assert not significantly_worse(both[0], alone[1])  # not fitted to the same segments
+
+
+def test_a_model_predicts_where_a_line_errs_in_fitted_and_held_out_segments_alike():
+    """Losses lower by .04 in every segment in which the line errs, and not in those where the joint rests."""
+    rng = np.random.default_rng(4)
+    line = [np.expm1(4.0 + rng.normal(size=n)) for n in (12, 8)]
+    own = [(1.0 + each) * np.exp(-0.04) - 1.0 for each in line]
+    rest = np.full(30, 0.5)
+    without, model = (
+        replace(evaluated(np.append(held, rest), block=1), fitted=np.append(fitted, rest))
+        for fitted, held in (line, own)
+    )
+    assert predicts(model, without) and not predicts(without, model)
+    assert not predicts(replace(model, segments=without.segments), without)  # .024 on average
 
 
 def test_a_needless_parameter_explains_one_segment():

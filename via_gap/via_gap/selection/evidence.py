@@ -174,11 +174,11 @@ def predicts(each: Evaluation, without: Evaluation) -> bool:
     Fitted segments count as well: a few parameters cannot make a model follow them. Segments that the prediction
     without a model explains up to the noise (a joint that rests) cannot show that a model is better.
     """
-    line, own = (np.concatenate((e.fitted, e.segments)) for e in (without, each))
-    errs = line > NUMBERS.no_gap
+    line, own = without.on_all, each.on_all
+    errs = line.segments > NUMBERS.no_gap
     if not np.any(errs):
         return False
-    return significantly_worse(*(replace(each, segments=segments[errs]) for segments in (line, own)))
+    return significantly_worse(*(replace(e, segments=e.segments[errs]) for e in (line, own)))
 
 
 def vetoed(candidate: Evaluation, reference: Evaluation) -> bool:

@@ -57,7 +57,8 @@ def _comparable(segments: Sequence[Segments], valid: Sequence[Indices], blocks: 
     out = hold_out(information, log_of.tolist())
     in_blocks = np.concatenate([np.isin(which, held) for which, held in zip(valid, blocks[1], strict=True)])
     if len(out) and unlike(information, out) <= max(ALIKE, unlike(information, np.flatnonzero(in_blocks))):
-        return _whole(valid, [i in set(log_of[out].tolist()) for i in range(len(segments))])
+        held = set(log_of[out].tolist())
+        return _whole(valid, [i in held for i in range(len(segments))])
     return blocks
 
 
