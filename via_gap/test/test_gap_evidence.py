@@ -248,6 +248,7 @@ def test_a_push_is_clear_beside_errors_of_the_model_that_are_far_above_the_noise
     pushed = ordinary.copy()
     pushed[[30, 32]] = 3.0 * ordinary.max()  # as large as errors of this model can be
     assert not outdone_by(evaluated(pushed, COULOMB), with_push)
+    assert not outdone_by(evaluated(pushed, COULOMB, whole=True), evaluated(ordinary, PUSH, whole=True))
 
 
 @pytest.mark.parametrize("whole", [False, True])
