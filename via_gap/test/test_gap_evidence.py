@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gap_logs import log_of, rigid
 from gap_models import BACKLASH, COULOMB, STRIBECK, VISCOUS, evaluated
+from scipy.stats import ttest_1samp
 from via_core.signals import Array
 from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
@@ -17,6 +18,7 @@ from via_gap.selection.evidence import (
     block_means,
     difference,
     freedom,
+    least_difference,
     outdone_by,
     plainer,
     predicts,
@@ -117,6 +119,14 @@ def test_few_segments_do_not_raise_false_alarms(count):
 def test_a_single_run_has_no_known_scatter():
     a, b = evaluated([9.0], whole=True), evaluated([4.0], whole=True)
     assert difference(a, b)[1] == 0.0 and significantly_worse(a, b)
+
+
+def test_the_lower_end_is_that_of_a_t_test():
+    rng = np.random.default_rng(9)
+    a, b = (evaluated(np.expm1(level + rng.normal(size=12)), block=1) for level in (6.0, 5.0))
+    found = ttest_1samp(np.log1p(a.segments) - np.log1p(b.segments), 0.0, alternative="greater")
+    assert least_difference(a, b) == pytest.approx(found.confidence_interval(0.95).low)
+    assert difference(a, b)[0] / difference(a, b)[1] == pytest.approx(found.statistic)
 
 
 def test_fitted_segments_count_where_held_out_ones_agree():
@@ -227,8 +237,7 @@ def test_an_effect_that_acts_in_one_segment_of_forty_is_clear_where_all_of_it_is
     rare = np.ones(40)
     rare[17] = 500.0
     without, with_effect = evaluated(rare, COULOMB), evaluated(np.ones(40), BACKLASH)
-    gap, width = difference(without, with_effect)
-    assert gap - width < NUMBERS.margin < gap
+    assert least_difference(without, with_effect) < NUMBERS.margin < difference(without, with_effect)[0]
     assert significantly_worse(without, with_effect) and not significantly_worse(with_effect, without)
     half = np.ones(40)
     half[17] = 250.0  # what is left there is not noise
@@ -241,8 +250,8 @@ def test_a_push_is_clear_beside_errors_of_the_model_that_are_far_above_the_noise
     pushed = ordinary.copy()
     pushed[[30, 32]] = 4e4
     without, with_push = evaluated(pushed, COULOMB), evaluated(ordinary, PUSH)
-    gap, width = difference(without, with_push)
-    assert gap - width < NUMBERS.margin < gap and with_push.mean_square > NUMBERS.no_gap**2
+    assert least_difference(without, with_push) < NUMBERS.margin < difference(without, with_push)[0]
+    assert with_push.mean_square > NUMBERS.no_gap**2
     assert outdone_by(without, with_push) and not outdone_by(with_push, without)
     assert accepted(with_push, without, without)
     pushed = ordinary.copy()

@@ -112,15 +112,21 @@ def losses(each: Evaluation, reference: Evaluation) -> Array:
 
 
 def difference(a: Evaluation, b: Evaluation) -> tuple[float, float]:
-    """Score of a minus score of b, and the half width of its one-sided confidence interval.
+    """Score of a minus score of b, and its standard deviation; 0 for a single block, whose scatter is not known."""
+    gap, means = _differences(a, b)
+    return gap, float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else 0.0
 
-    Student's t of the means of blocks; 0 for a single run, whose scatter is not known.
-    """
+
+def least_difference(a: Evaluation, b: Evaluation) -> float:
+    """Lower end of the one-sided confidence interval of `difference`, by Student's t of the means of blocks."""
+    gap, sd = difference(a, b)
+    return gap - quantile(len(_differences(a, b)[1])) * sd if sd > 0.0 else gap
+
+
+def _differences(a: Evaluation, b: Evaluation) -> tuple[float, Array]:
+    """Mean difference of the losses of all segments, and the means (B,) of blocks."""
     values = losses(a, b) - losses(b, a)
-    means = block_means(values[None], a.block)[0]
-    if len(means) < 2:
-        return float(np.mean(values)), 0.0
-    return float(np.mean(values)), quantile(len(means)) * float(np.std(means, ddof=1)) / np.sqrt(len(means))
+    return float(np.mean(values)), block_means(values[None], a.block)[0]
 
 
 def significantly_worse(a: Evaluation, b: Evaluation) -> bool:
@@ -130,12 +136,13 @@ def significantly_worse(a: Evaluation, b: Evaluation) -> bool:
     its confidence interval. A fit to S segments whose values err together reduces their mean squared error by 1 / S per
     needless parameter.
     """
-    gap, width = difference(a, b)
-    if len(a.fitted) == len(b.fitted) > 0 and not a.whole and gap > NUMBERS.margin:
+    if len(a.fitted) == len(b.fitted) > 0 and not a.whole and difference(a, b)[0] > NUMBERS.margin:
         one, other = a.on_all, b.on_all
-        gap, width = difference(one, other)
-        gap -= max(freedom(b.fit) - freedom(a.fit), 0) / len(one.segments)
-    return bool(gap - width > NUMBERS.margin) or refuted_beside(a, b)
+        needless = max(freedom(b.fit) - freedom(a.fit), 0) / len(one.segments)
+        worse = least_difference(one, other) - needless > NUMBERS.margin
+    else:
+        worse = least_difference(a, b) > NUMBERS.margin
+    return worse or refuted_beside(a, b)
 
 
 def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
