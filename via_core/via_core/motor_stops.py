@@ -12,6 +12,7 @@ from numba import njit
 from via_core.signals import Array
 
 SPAN = 0.1  # [s] of a modulated row
+UNREACHED = float(np.finfo(np.float64).max)  # [rad] extremes before any sample: numbers of a state are finite
 PRESLIDING = 2e-3  # [rad] of travel, within which dry friction has not built up and may point anywhere
 
 

@@ -30,7 +30,7 @@ from numba import njit
 from via_core.devices import Device
 from via_core.faults import fault_of
 from via_core.modulated_rows import INTERVAL, Equation, Samples
-from via_core.motor_stops import reach_of, stopped_text
+from via_core.motor_stops import UNREACHED, reach_of, stopped_text
 from via_core.plausibility import equations_of, interval_of, worst
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE, IMPLAUSIBLE, OK, OUTSIDE_RANGE, Status
@@ -81,7 +81,7 @@ class Checked(Wrapped):
     def init(self) -> Array:
         head = np.zeros(HEAD.size)
         head[[HEAD.last, HEAD.kept, HEAD.next, HEAD.until]] = NEVER
-        head[HEAD.lowest : HEAD.highest], head[HEAD.highest : HEAD.stopped] = np.inf, -np.inf
+        head[HEAD.lowest : HEAD.highest], head[HEAD.highest : HEAD.stopped] = UNREACHED, -UNREACHED
         columns = 1 + len(self.inputs)
         before = np.full(columns, np.nan)
         bounds = np.concatenate(bounds_of(self.device, self.outputs, head[HEAD.deflection :]))
