@@ -92,7 +92,7 @@ class Search:
             here = self if size == 0 else self._beside(current.fit)
             found = self._evaluated(here._finished(here._extended(current.fit)), models)
             step = simplest(found) if found else current
-            if size:  # a smaller model may fit better from there than it did alone
+            if len(step.fit.effects) > size > 0:  # a smaller model may fit better from there than it did alone
                 self._evaluated(here._reduced(step.fit), models)
             if not relevant(step, current, self.tuned):
                 break
