@@ -56,7 +56,8 @@ def test_readme_has_the_figures_of_the_page_of_real_robots():
     worse, others = findall(r"on (\d+) of (\d+) other recordings", report)[0]
     for stated in (
         f"In {cases} cases from public recordings",
-        f"named the cause in {named}, tied it with others in {tied}, missed it in {missed}, and was wrong in {wrong}",
+        f"named the cause in {named}, listed it among causes that the recordings do not distinguish in {tied}, "
+        f"missed it in {missed}, and was wrong in {wrong}",
         f"{off} of {sizes} sizes were off",
         f"on {worse} of {others} other recordings",
     ):

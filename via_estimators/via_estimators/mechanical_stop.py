@@ -1,8 +1,8 @@
 """Whether a mechanical stop holds a motor, from the contact condition and the innovation of one modulated equation.
 
 A stop at an angle a carries a reaction R >= 0 only where the motor touches it: R (a - theta) = 0. No motor passes its
-stop, so it can touch one only at the largest or smallest angle that it has ever reached, within TOUCHING for rubber and
-encoder steps. The motor equation then contains one more torque, outward: <tau, psi> = (all that the model predicts)
+stop, so it can touch one only at the largest or smallest angle that it has ever reached, within PRESLIDING for rubber
+and encoder steps. The motor equation then contains one more torque, outward: <tau, psi> = (all that the model predicts)
 + <R, psi>. There are three explanations of the innovation v of an equation:
 
     no contact   v ~ N(0, S)
@@ -17,7 +17,7 @@ psi there. Contact begins as often as the spring jumps, lasts while the motor to
 
 An equation with contact says nothing about spring and motor, because R is unknown: it is left out where contact is the
 likelier explanation. A turning point without contact has an innovation within S, and is used. A stop that yields by
-more than TOUCHING under the torque of the motor is not recognised.
+more than PRESLIDING under the torque of the motor is not recognised.
 """
 
 from __future__ import annotations
@@ -25,13 +25,12 @@ from __future__ import annotations
 from math import exp, log
 
 from numba import njit
-from via_core.motor_stops import stopped_text
+from via_core.motor_stops import PRESLIDING, stopped_text
 from via_core.signals import Array
 
 from via_estimators.slots import slots
 from via_estimators.transmissions import VISITED
 
-TOUCHING = 2e-3  # [rad] from the furthest angle, as the travel over which friction builds up
 # Smallest and largest mean motor angle of a window so far [rad], 1 if there is any; side touched last; probability of
 # contact.
 STOP = slots("lowest", "highest", "turned", "side", "contact", after=VISITED)
@@ -59,7 +58,7 @@ def _touch(kept: Array, theta: Array, psi: Array) -> tuple[float, float, float]:
 
     Without travel between both ends nothing distinguishes a stop from a motor that rests.
     """
-    low, high = kept[STOP.lowest] + TOUCHING, kept[STOP.highest] - TOUCHING
+    low, high = kept[STOP.lowest] + PRESLIDING, kept[STOP.highest] - PRESLIDING
     above = below = most_above = most_below = 0.0
     for k in range(theta.size):
         if theta[k] >= high:

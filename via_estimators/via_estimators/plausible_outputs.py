@@ -16,7 +16,6 @@ from via_core.signals import Array
 
 FURTHEST, FASTEST = 1.0, 1e3  # [rad], [rad/s]: an angle that steps further is a measurement fault
 STRONGEST = 10.0  # [-] largest step of a torque, over the largest torque of motor and spring
-UNBOUNDED = float(np.finfo(np.float64).max)  # numbers of a state are finite
 
 
 def steps_of(device: Device, inputs: tuple[str, ...]) -> tuple[Array, Array]:
@@ -86,4 +85,4 @@ def bounds_of(device: Device, outputs: tuple[str, ...], seen: Array) -> tuple[Ar
             low[at], high[at] = inertia / motor, inertia * motor
         elif kind == "motor_damping" and device.drive == "torque" and stiffest:
             low[at] = -stiffest[int(number) - 1] * late  # q that is d late takes k d q' from a spring's torque
-    return np.maximum(low, -UNBOUNDED), np.minimum(high, UNBOUNDED)
+    return np.nan_to_num(low), np.nan_to_num(high)  # without a bound the largest number: those of a state are finite

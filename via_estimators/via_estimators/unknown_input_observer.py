@@ -20,7 +20,8 @@ Departures:
     an encoder step, the motor may stick; then friction is unknown within -F..F, which is noise (`_sticking`);
   - friction inside the spring is a sum of H_l z_l, dz_l = dphi / l within -1..1, l of TRAVELS, which approximate every
     course between them as in `modulated_torque`. The z_l pass the observer as further functions. Without them and
-    with hysteresis of 5 % of the torque, the stiffness was 2 to 6 % wrong with 43 to 95 % coverage, now .6 to 3 %;
+    with hysteresis of 5 % of the torque, the stiffness was 2 to 6 % wrong with 43 to 95 % coverage, now .6 to 3 %
+    with 83 to 100 %, but 19 % for one of two motions of a series elastic joint;
   - the torque may be late by d: measured, tau is tau - d tau', so w gains d tau'. d is an unknown of the equation of w.
     d^2 tau'' in it and d tau'' in that of v are noise, tau'' from two windows. Behind a filter of 10 ms, the stiffness
     of cubic_demo, qbmove_a and a series elastic joint was 2 to 35 % wrong with 8 to 100 % coverage, now .1 to .3 %;
@@ -41,6 +42,7 @@ from math import exp, sqrt
 import numpy as np
 from numba import njit
 from via_core.devices import Device
+from via_core.plausibility import TRAVELS
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE
 
@@ -58,7 +60,6 @@ from via_estimators.window import HEADER
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 SPAN = 0.1  # [s] of a window: encoder noise is then below torque noise, and a motor seldom reverses within
 CLEAR = 2.0  # [encoder steps] that a motor must turn in either half of a window, and may turn back
-TRAVELS = (2e-3, 2e-2)  # [rad] of deflection, over which frictions inside the spring build up
 EDGE = 36.0  # square of the slope over a window, times its span, that a short step of mean 1 at one of its ends has
 NOISE_MEMORY = 10.0  # [s] over which the noise levels are averaged
 KNOWN = 10.0  # equations that the declared noise counts for

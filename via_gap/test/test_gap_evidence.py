@@ -109,7 +109,7 @@ def test_false_alarms_of_a_comparison_are_as_rare_as_stated():
 
 @pytest.mark.parametrize("count", [5, 7])
 def test_few_segments_do_not_raise_false_alarms(count):
-    """As rare as stated with five segments, too: the normal quantile and the sd of a resample would be too small."""
+    """As rare as stated with five segments, too: the normal quantile and an sd without n - 1 would be too small."""
     rng = np.random.default_rng(8)
     pairs = np.exp(8.0 + rng.normal(size=(1500, 2, count)))  # far above the noise, where losses are logarithms
     wrong = [significantly_worse(*(evaluated(each, block=1) for each in pair)) for pair in pairs]
@@ -182,7 +182,7 @@ def test_a_form_with_more_parameters_needs_a_smaller_loss_by_the_margin():
 
 
 def test_neighbouring_segments_that_err_alike_are_no_further_evidence():
-    """Errors that last four segments: resampled one by one they would seem twice as well known."""
+    """Errors that last four segments: taken one by one they would seem twice as well known."""
     rng = np.random.default_rng(5)
     lasting = np.repeat(0.3 * rng.normal(size=20), 4)
     a, b = np.exp(1.0 + lasting), np.full(80, np.e)
@@ -233,7 +233,7 @@ def test_a_model_is_refuted_beside_one_that_leaves_noise_where_noise_cannot_be_s
 
 
 def test_an_effect_that_acts_in_one_segment_of_forty_is_clear_where_all_of_it_is_explained():
-    """Resamples often miss that segment, so that the interval of the mean reaches below the margin."""
+    """One segment makes the mean so uncertain that its interval reaches below the margin."""
     rare = np.ones(40)
     rare[17] = 500.0
     without, with_effect = evaluated(rare, COULOMB), evaluated(np.ones(40), BACKLASH)

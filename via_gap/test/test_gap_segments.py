@@ -213,6 +213,52 @@ def test_a_rest_counts_once_and_each_motion_for_itself():
     assert every.once_per_rest(squares).tolist() == [0.0, 3.5, 7.0, 9.5, 12.0, 13.0, 14.5, 16.0]
 
 
+@pytest.mark.parametrize("quantum", [0.0, 2e-3])
+def test_a_rest_with_noise_is_one_rest(quantum):
+    """Gaussian noise has a range of 5 to 7 sd in a segment; a coarse encoder that flickers, of one step."""
+    log = log_of(rigid(), (), seed=5, duration=6.0, tolerance=0.0)
+    time = log.measured.time
+    angle = np.sin(5.0 * np.minimum(time, 2.0)) + 5e-4 * np.random.default_rng(2).normal(size=len(time))
+    angle = quantum * np.round(angle / quantum) if quantum else angle
+    held = Signals(time, {**log.measured.channels, "q": angle}, log.measured.units)
+    segments = cut_log(replace(log, measured=held))
+    resting = segments.begin / segments.rate > 2.1
+    assert len(set(segments.rest_from[resting])) == 1
+    moving = segments.begin / segments.rate < 1.5
+    assert len(set(segments.rest_from[moving])) == np.count_nonzero(moving)
+
+
+def test_whole_recordings_are_held_out_only_where_motion_is_comparable():
+    segments = cut_log(log_of(rigid(), (), seed=5, duration=3.0, tolerance=0.0))
+    phase = 2.0 * np.pi * np.arange(len(segments.start)) / segments.ticks  # each segment is one period
+    swing = np.zeros_like(segments.start)
+    swing[:, 0], swing[:, 3] = np.sin(phase), np.cos(phase)
+
+    def whole(*sizes: float) -> bool:
+        """Whether recordings with swings of these sizes are held out as a whole; if not, all are on both sides."""
+        train, held, _ = split([replace(segments, start=size * swing) for size in sizes], [])
+        divided = [len(a) > 0 and len(b) > 0 for a, b in zip(train, held, strict=True)]
+        assert all(divided) or not any(divided)
+        return not all(divided)
+
+    assert whole(1.0, 1.0, 1.0, 1.0, 1.0) and whole(1.0, 1.2, 0.8)
+    assert not whole(1.0, 0.02, 0.02)  # of one that moves 50 times as much, either side would have nothing
+
+
+def test_recordings_of_one_segment_are_held_out_by_their_motion():
+    """Blocks of such recordings are recordings as well, every third and fifth of five: here those that move most."""
+    log = log_of(rigid(), (), seed=5, duration=1.0, tolerance=0.0)
+    one = cut_log(log, span=0.9)
+    assert len(one) == 1
+
+    def held_out(*sizes: float) -> list[int]:
+        logs = [replace(one, start=size * one.start, valid=np.array([True])) for size in sizes]
+        return [number for number, each in enumerate(split(logs, [])[1]) if len(each)]
+
+    assert len({2, 4} & set(held_out(0.3, 0.3, 3.0, 0.3, 3.0))) == 1
+    assert held_out(1.0, 0.2, 0.2) == [1, 2]  # 7 % of the motion, which is better than the 4 % of the third alone
+
+
 def test_the_first_segment_counts_only_where_a_log_begins_at_rest():
     """A one-sided fit does not know how fast a joint moves; that one at rest does not, it knows."""
     log = log_of(flexible(), (), seed=9, duration=6.0, tolerance=0.0)

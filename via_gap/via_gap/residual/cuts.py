@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from via_core.signals import Array, Indices, Mask
 
+RESTING = 4.0  # times the noise of a sample to either side: an angle that is further away has moved
 EDGE = 1e-3  # [s] by which a segment may extend beyond a usable interval
 
 

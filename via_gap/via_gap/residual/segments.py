@@ -24,7 +24,7 @@ from via_gap.logs.noise import LogNoise, error_correlation, log_noise, torque_de
 from via_gap.logs.quality import SEGMENT, SPANS, Quality
 from via_gap.logs.rounding import interpolated, mean_variance, step_of, variances
 from via_gap.logs.start import FIRST
-from via_gap.residual.cuts import begins, inside, rest_from
+from via_gap.residual.cuts import RESTING, begins, inside, rest_from
 from via_gap.residual.driven import drive_rows, measured_columns, noisy_columns
 from via_gap.residual.smoothing import smoothed, window_of
 
@@ -219,8 +219,8 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
         density[columns] = torque_densities(log, known, ticks / rate)[: len(columns)]
     return Segments(
         log, rate, origin, ticks, every, averaged, axes, commands, begin, angles, hidden, states, measured,
-        weight, _rest(log), rests, valid, rest_from(cut, 4.0 * sd + quanta), gaps, apart, density, sample_noise, noise,
-        start_noise,
+        weight, _rest(log), rests, valid, rest_from(cut, 2.0 * RESTING * sd + quanta), gaps, apart, density,
+        sample_noise, noise, start_noise,
     )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from via_gap.candidates.fit import Fit
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.numbers import NUMBERS
 
-BLOCK = 1.0  # [s] of segments that are resampled together; at least one segment
+BLOCK = 1.0  # [s] of segments whose errors are correlated; at least one segment
 RESAMPLES = 300
 Kinds = frozenset[tuple[str, str, int]]
 
@@ -148,7 +148,7 @@ def significantly_worse(a: Evaluation, b: Evaluation) -> bool:
 def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
     """Whether b leaves hardly more than noise, and a more than noise can be, even if what b leaves is all noise.
 
-    A rare effect (a limit reached twice) is in so few segments that resamples often miss it; but no chance explains
+    A rare effect (a limit reached twice) is in so few segments that the mean is uncertain; but no chance explains
     what they contain down to the noise. Noise is known to a factor of `no_gap`, that of each model on its own.
     """
     factor = NUMBERS.no_gap**2
