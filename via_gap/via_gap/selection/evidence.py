@@ -132,17 +132,20 @@ def _differences(a: Evaluation, b: Evaluation) -> tuple[float, Array]:
 def significantly_worse(a: Evaluation, b: Evaluation) -> bool:
     """Whether the loss of a exceeds that of b by more than the margin, at the significance in `NUMBERS`.
 
-    On held-out segments by its value, and on all segments, if both models are fitted to the same, by the lower end of
-    its confidence interval. A fit to S segments whose values err together reduces their mean squared error by 1 / S per
-    needless parameter.
+    On held-out segments by its value; on all segments, if both models are fitted to the same, by the lower end of its
+    confidence interval, or because a is refuted there. A fit to S segments whose values err together reduces their mean
+    squared error by 1 / S per needless parameter.
     """
-    if len(a.fitted) == len(b.fitted) > 0 and not a.whole and difference(a, b)[0] > NUMBERS.margin:
-        one, other = a.on_all, b.on_all
-        needless = max(freedom(b.fit) - freedom(a.fit), 0) / len(one.segments)
-        worse = least_difference(one, other) - needless > NUMBERS.margin
-    else:
-        worse = least_difference(a, b) > NUMBERS.margin
-    return worse or refuted_beside(a, b)
+    one, other = with_fitted(a, b)
+    needless = max(freedom(b.fit) - freedom(a.fit), 0) / len(one.segments) if one is not a else 0.0
+    certain = least_difference(one, other) - needless > NUMBERS.margin or refuted_beside(one, other)
+    return refuted_beside(a, b) or (certain and difference(a, b)[0] > NUMBERS.margin)
+
+
+def with_fitted(a: Evaluation, b: Evaluation) -> tuple[Evaluation, Evaluation]:
+    """Both with their errors on all segments, if they are fitted to the same; otherwise as they are."""
+    alike = len(a.fitted) == len(b.fitted) > 0 and not a.whole
+    return (a.on_all, b.on_all) if alike else (a, b)
 
 
 def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
@@ -164,6 +167,7 @@ def outdone_by(a: Evaluation, b: Evaluation) -> bool:
     faults (a belt, a slow sensor) can be in this log. Of several such events, one is not enough: the others keep the
     mean up.
     """
+    a, b = with_fitted(a, b)
     count = len(b.segments)
     if refuted_beside(a, b) or count < 2:
         return refuted_beside(a, b)
