@@ -68,12 +68,15 @@ def common_part(tied: Sequence[Evaluation], models: Sequence[Evaluation]) -> Eva
 def _parts(models: Sequence[Evaluation]) -> Array:
     """(K,) frequency of each model in the best one on resampled blocks, divided between similar models.
 
-    One model under several names has equal parts, and so have models within the margin, which does not matter.
+    One model under several names has equal parts, and so have models within the margin, which does not matter. A model
+    that the best one outdoes has none: resamples without the few segments that show it know less.
     """
     first = [models[number] for number in _agreeing(models)]
+    best = min(first, key=lambda each: each.score)
+    possible = np.array([not outdone_by(each, best) for each in first])
     stacked = _block_losses(first, first[0])
     means = stacked[:, resamples(stacked.shape[1])].mean(axis=2)
-    weight = np.exp(np.minimum(1.0 - (means - means.min(axis=0)) / NUMBERS.margin, 0.0))
+    weight = possible[:, None] * np.exp(np.minimum(1.0 - (means - means[possible].min(axis=0)) / NUMBERS.margin, 0.0))
     return np.asarray((weight / weight.sum(axis=0)).mean(axis=1))
 
 
