@@ -5,9 +5,11 @@ effect nor compensated by one. They are bounded, because both views have a trivi
 and because a parameter far from its filed value is a finding. The device with its fitted parameters and the named
 effects is the repaired model.
 
-Two more belong to the recording, so that no repaired device contains them. A position drive with integral action has
-the torque of its integral when the recording began. And a goal acts at some time between the sample that shows it and
-the next, or the one before: up to half a sample of delay is known neither from the log nor from the device file.
+Three more belong to the recording, so that no repaired device contains them. A position drive with integral action has
+the torque of its integral when the recording began. A goal acts at some time between the sample that shows it and the
+next, or the one before: up to half a sample of delay is known neither from the log nor from the device file. And the
+torque beside an angle may be that of the tick before it, as a sensor sees it, or that of the tick after it, as a
+controller computes it from the angle.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from via_sim.plants import JointPlant
 
 from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.logs.log import JointLog
+from via_gap.residual.driven import measured_columns
 
 _SPRINGS = {"linear": ("stiffness",), "cubic": ("coefficient",), "odd_polynomial": ("odd_coefficients",)}
 _SHAPES = {"odd_polynomial": ("odd_coefficients",), "sinh": ("a",)}
@@ -79,8 +82,13 @@ def _integral_start(row: Array) -> tuple[Nuisance, ...]:
     return (Nuisance("servo integral at the start", "N m", 0.0, (P.integral_start,), 1.0, 1.0, float(most) / BOUND),)
 
 
-def goal_delay(log: JointLog) -> tuple[Nuisance, ...]:
-    """Delay of the goals of a position drive beside that of its device file, by what is not known between samples.
+def delay_between_samples(log: JointLog) -> tuple[Nuisance, ...]:
+    """Delay of what drives a joint, by what its log leaves open between samples."""
+    return _goal_delay(log) or _torque_delay(log)
+
+
+def _goal_delay(log: JointLog) -> tuple[Nuisance, ...]:
+    """Delay of the goals of a position drive beside that of its device file.
 
     The drive itself may be faster than its file states, but never acts before its command.
     """
@@ -90,6 +98,17 @@ def goal_delay(log: JointLog) -> tuple[Nuisance, ...]:
     sd = (STEPS_SD if log.lined is None else LATE_SD) * period_of(log)
     lowest = -min(BOUND, servo.delay / sd)
     return (Nuisance("goal delay between samples", "s", 0.0, (P.delay,), 1.0, DELAY_KNOWN, sd, lowest),)
+
+
+def _torque_delay(log: JointLog) -> tuple[Nuisance, ...]:
+    """Delay of measured torques that drive the simulation: 0 for those of the tick before a sample, one tick after it.
+
+    Interpolated ones have a delay of their own.
+    """
+    if log.lined is not None or not measured_columns(log):
+        return ()
+    period = float(np.median(np.diff(log.measured.time)))
+    return (Nuisance("torque delay between samples", "s", 0.0, (P.delay,), 1.0, DELAY_KNOWN, period, 0.0),)
 
 
 def lowest_offsets(each: tuple[Nuisance, ...]) -> Array:

@@ -24,8 +24,8 @@ from via_gap.residual.nuisance import (
     BOUND,
     Nuisance,
     apply_all,
+    delay_between_samples,
     descend,
-    goal_delay,
     lowest_offsets,
     nuisances,
     repaired_device,
@@ -62,7 +62,7 @@ class ResidualModel:
         """The model of the segments `chosen` (indices, one array per log) in a view."""
         views = tuple(view(each, which) for each, which in zip(segments, chosen, strict=True) if len(which))
         nominal = ResidualModel.of_plant(JointPlant.from_device(segments[0].log.device))
-        known = (*nominal.nuisances, *goal_delay(segments[0].log))
+        known = (*nominal.nuisances, *delay_between_samples(segments[0].log))
         return replace(nominal, views=views, nuisances=known, robust=robust)
 
     @staticmethod
