@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -198,18 +199,13 @@ class Search:
         return found
 
     def _plainer(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The best fit with a member replaced by the simpler effect that it contains."""
+        """The best fit with one or more members replaced by the simpler effects that they contain."""
         there = {frozenset(fit.locations) for fit in fits}
         found = []
         for best in sorted(fits, key=lambda fit: fit.loss)[:1]:
-            for number, (location, values) in enumerate(best.members):
-                if location.kind.contains is None:
-                    continue
-                name, which = location.kind.contains
-                members = best.members
-                members[number] = (replace(location, name=name), [float(np.mean([values[i] for i in which]))])
+            for members in product(*(_forms(*each) for each in best.members)):
                 if frozenset(each for each, _ in members) not in there:
-                    plain = refine(self.few, best, members, self.scales)
+                    plain = refine(self.few, best, list(members), self.scales)
                     found += [plain] if plain is not None else []
         return found
 
@@ -228,6 +224,15 @@ class Search:
             done = refine_all(self.whole, [(fit, fit.members) for fit in near], self.scales, FINISHING)
             found = [fit for fit in done if fit is not None]
         return found + richer(self.whole, found, self.candidates.equations, self.scales)
+
+
+def _forms(location: Location, values: Sequence[float]) -> Members:
+    """The effect itself, and the simpler one that it contains, if there is one."""
+    own = (location, list(values))
+    if location.kind.contains is None:
+        return [own]
+    name, which = location.kind.contains
+    return [own, (replace(location, name=name), [float(np.mean([values[i] for i in which]))])]
 
 
 def _distinct(pairs: Iterable[tuple[float, Members]], most: int) -> list[Members]:
