@@ -30,13 +30,19 @@ def measured_columns(log: JointLog) -> list[int]:
     """Columns of the commands for which measured torques stand in."""
     if log.device.n_motors:
         return [] if log.motors_commanded else list(range(log.device.n_motors))
-    commanded = log.commands is not None and "external_torque" in log.commands
-    return [EXTERNAL] if log.device.drive == "torque" and not commanded and log.torque_seen else []
+    commanded = log.commands is not None and "external_torque" in log.commands and not log.command_measured
+    return [EXTERNAL] if log.device.drive == "torque" and not commanded and log.torque is not None else []
 
 
-def noisy_columns(log: JointLog) -> list[int]:
-    """Columns of the commands that contain noise of a measurement."""
-    return measured_columns(log) or ([EXTERNAL] if log.command_measured and log.torque is not None else [])
+def measured_torque(log: JointLog) -> tuple[Array, Array]:
+    """Times (N,) [s] of measured torques (N, m) [N m] that drive the simulation."""
+    if "tau" in log.measured:
+        time, tau = log.measured.time, log.measured["tau"]
+    else:  # a column of torques that is read as command
+        assert log.commands is not None
+        time, tau = log.commands.time, log.commands["external_torque"][:, None]
+    seen = np.isfinite(tau).all(axis=1)
+    return time[seen], tau[seen]
 
 
 def _torque_after(log: JointLog, grid: Array) -> Array:
@@ -44,8 +50,7 @@ def _torque_after(log: JointLog, grid: Array) -> Array:
 
     The torque of a sample is that of the tick before it, or an instantaneous value if torques are interpolated.
     """
-    seen = np.isfinite(log.measured["tau"]).all(axis=1)
-    time, tau = log.measured.time[seen], log.measured["tau"][seen]
+    time, tau = measured_torque(log)
     middle = grid + 0.5 * (grid[1] - grid[0])
     if log.lined is not None:
         return along(middle - log.lined, time, tau)

@@ -28,7 +28,7 @@ from via_sim.plants import JointPlant
 
 from via_gap.logs.between import LATE_SD, STEPS_SD, period_of
 from via_gap.logs.log import JointLog
-from via_gap.residual.driven import measured_columns
+from via_gap.residual.driven import measured_columns, measured_torque
 
 _SPRINGS = {"linear": ("stiffness",), "cubic": ("coefficient",), "odd_polynomial": ("odd_coefficients",)}
 _SHAPES = {"odd_polynomial": ("odd_coefficients",), "sinh": ("a",)}
@@ -107,7 +107,7 @@ def _torque_delay(log: JointLog) -> tuple[Nuisance, ...]:
     """
     if log.lined is not None or not measured_columns(log):
         return ()
-    period = float(np.median(np.diff(log.measured.time)))
+    period = float(np.median(np.diff(measured_torque(log)[0])))
     return (Nuisance("torque delay between samples", "s", 0.0, (P.delay,), 1.0, DELAY_KNOWN, period, 0.0),)
 
 

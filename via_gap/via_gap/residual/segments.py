@@ -25,7 +25,7 @@ from via_gap.logs.quality import SEGMENT, SPANS, Quality
 from via_gap.logs.rounding import interpolated, mean_variance, step_of, variances
 from via_gap.logs.start import FIRST
 from via_gap.residual.cuts import RESTING, begins, inside, rest_from
-from via_gap.residual.driven import drive_rows, measured_columns, noisy_columns
+from via_gap.residual.driven import drive_rows, measured_columns
 from via_gap.residual.smoothing import smoothed, window_of
 
 # [Hz] ticks: a slower log is simulated with several ticks per sample, one for each command up to FASTEST, beyond the
@@ -215,7 +215,7 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     commands = drive_rows(log, grid)
     gaps, apart = _command_gaps(log, quality, origin, rate, len(grid))
     density = np.zeros(commands.shape[1])
-    if columns := noisy_columns(log):
+    if columns := measured_columns(log):
         density[columns] = torque_densities(log, known, ticks / rate)[: len(columns)]
     return Segments(
         log, rate, origin, ticks, every, averaged, axes, commands, begin, angles, hidden, states, measured,
