@@ -1,14 +1,16 @@
 """Sensor errors that the measurements themselves show: they leave the motion unchanged, so no simulation reveals them.
 
 Coarse encoder steps are read off the grid of the measured angles. A torque sensor is compared with the command over the
-tick that ended at the sample, tau = gain u + torque, by least squares where the drive does not saturate. A measurement
-that follows its command badly is not used, because it depends on the joint and not only on the sensor.
+tick that ended at the sample, tau = gain u + torque, by least squares where the drive does not saturate, in both
+directions: which of the two contains the noise is not known. A measurement that follows its command badly is not used,
+because it depends on the joint and not only on the sensor.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from via_core.device_parts import TorqueMotor
@@ -31,9 +33,9 @@ LATE = range(6)  # samples by which a measurement may lag its command
 class SensorError:
     """An error of one sensor.
 
-    sd    standard deviation of each parameter, for white sensor noise
+    sd    standard deviation of each parameter, for white noise in the torque or in its command
     left  share of the squared measurement error that remains after the correction
-    size  [N m] root mean square of the measurement error of a torque sensor; 0: an angle
+    size  [N m] root mean square of the measurement error of a torque sensor that is corrected; 0: an angle
     """
 
     effect: Effect
@@ -69,23 +71,36 @@ def _scaled(logs: Sequence[JointLog]) -> list[SensorError]:
         if not pairs:
             continue
         commanded, measured = (np.concatenate(each) for each in zip(*pairs, strict=True))
-        design = np.column_stack([commanded, np.ones_like(commanded)])
-        covariance = np.linalg.pinv(design.T @ design)
-        gain, bias = covariance @ design.T @ measured
-        left = float(np.mean((measured - gain * commanded - bias) ** 2))
+        gains, biases, noise = _lines(commanded, measured)
+        left = float(np.mean((measured - gains[0] * commanded - biases[0]) ** 2))
         if left > FOLLOWS * float(np.var(measured)):
             continue
-        sd_gain, sd_bias = np.sqrt(np.diag(covariance) * left)
         before = max(float(np.mean((measured - commanded) ** 2)), 1e-300)
-        for name, parameter, value, neutral, sd, least in (
-            ("torque_gain", "gain", gain, 1.0, sd_gain, LEAST_GAIN),
-            ("torque_bias", "torque", bias, 0.0, sd_bias, LEAST_BIAS * float(np.std(commanded))),
+        for name, parameter, ends, sd, neutral, least in (
+            ("torque_gain", "gain", gains, noise[0], 1.0, LEAST_GAIN),
+            ("torque_bias", "torque", biases, noise[1], 0.0, LEAST_BIAS * float(np.std(commanded))),
         ):
-            if abs(value - neutral) > max(least, SURE * sd):
-                effect = Effect(name, "sensor", {parameter: float(value)}, motor + 1)
-                share, size = min(left / before, 1.0), float(np.sqrt(before))
-                found.append(SensorError(effect, {parameter: float(sd)}, share, size))
+            if max(ends.min() - neutral, neutral - ends.max()) > max(least, SURE * sd):
+                effect = Effect(name, "sensor", {parameter: float(ends.mean())}, motor + 1)
+                share, size = min(left / before, 1.0), float(np.sqrt(max(before - left, 0.0)))
+                sd = float(np.hypot(sd, np.ptp(ends) / sqrt(12.0)))
+                found.append(SensorError(effect, {parameter: sd}, share, size))
     return found
+
+
+def _lines(commanded: Array, measured: Array) -> tuple[Array, Array, tuple[float, float]]:
+    """Gains (2,) and biases (2,) of two regressions, with all noise in the torque or all in the command, and their sd.
+
+    Noise in the command makes the first gain too small, noise in the torque the second one too large: commands that
+    jitter between the samples of a log are no error of a sensor.
+    Source: R. Frisch, Statistical confluence analysis by means of complete regression systems (1934).
+    """
+    (of_command, both), (_, of_torque) = np.cov(commanded, measured)
+    gains = np.array([both / of_command, of_torque / both])
+    centre = float(commanded.mean())
+    left = max(of_torque - gains[0] * both, 0.0) / len(commanded)
+    noise = float(np.sqrt(left / of_command)), float(np.sqrt(left * (1.0 + centre**2 / of_command)))
+    return gains, measured.mean() - gains * centre, noise
 
 
 def _command_and_torque(log: JointLog, motor: int) -> tuple[Array, Array] | None:
