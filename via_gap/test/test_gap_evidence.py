@@ -244,6 +244,23 @@ def test_an_effect_that_acts_in_one_segment_of_forty_is_clear_where_all_of_it_is
     assert not significantly_worse(without, evaluated(half, BACKLASH))
 
 
+def test_what_cannot_be_noise_counts_in_fitted_segments_too_where_held_out_ones_show_it():
+    """A limit that is reached three times, once in held-out segments: together they refute the model without it."""
+    held, own = np.ones(64), np.ones(95)
+    held[[20, 21]], own[[30, 31, 77]] = (150.0, 30.0), (2e4, 5e3, 3e2)
+    without, with_limit = (
+        replace(evaluated(left, place), fitted=there)
+        for left, there, place in ((held, own, COULOMB), (np.ones(64), np.ones(95), BACKLASH))
+    )
+    assert not refuted_beside(without, with_limit)
+    assert least_difference(without.on_all, with_limit.on_all) < NUMBERS.margin
+    assert significantly_worse(without, with_limit) and outdone_by(without, with_limit)
+    alone = [replace(each, fitted=np.empty(0)) for each in (without, with_limit)]
+    assert not significantly_worse(*alone) and not outdone_by(*alone)
+    unseen = [replace(each, segments=np.ones(64)) for each in (without, with_limit)]
+    assert not significantly_worse(*unseen), "what held-out segments do not show may be fitted by chance"
+
+
 def test_a_push_is_clear_beside_errors_of_the_model_that_are_far_above_the_noise():
     """Belt and friction leave up to a hundred times the noise in some segments, the push ten thousand times in two."""
     ordinary = np.random.default_rng(11).lognormal(1.0, 1.5, 55)

@@ -8,7 +8,7 @@ from via_gap.candidates.covariance import delay_sd, unfitted_delay_sd
 from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
-from via_gap.residual.nuisance import goal_delay, nuisances
+from via_gap.residual.nuisance import delay_between_samples, nuisances
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_gap.run.arm_equation import _drive_torque
@@ -138,6 +138,9 @@ def test_goals_that_act_between_samples_are_no_gap(late: float):
 
 def test_goals_do_not_act_before_they_are_sent():
     log = recorded(with_integral(0.0, delay=0.0002))
-    (delay,) = goal_delay(log)
+    (delay,) = delay_between_samples(log)
     assert delay.lowest * delay.start == pytest.approx(-0.0002)
-    assert goal_delay(JointLog("log", with_integral(0.0, delay=0.09), log.measured, log.commands))[0].lowest == -1.3
+    assert (
+        delay_between_samples(JointLog("log", with_integral(0.0, delay=0.09), log.measured, log.commands))[0].lowest
+        == -1.3
+    )

@@ -8,7 +8,8 @@ from gap_logs import flexible, log_of, rigid
 from via_core.devices import load_device
 from via_core.signals import Signals
 from via_gap.candidates.fit import Fit
-from via_gap.candidates.refinement import fit_on
+from via_gap.candidates.location import Location
+from via_gap.candidates.refinement import fit_on, refine
 from via_gap.candidates.screen import ranked
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
@@ -24,6 +25,8 @@ from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate
 
 DEVICE = load_device("xl330_kp800")
+ASYMMETRIC_VISCOUS = Location("asymmetric_viscous", "link", 0)
+ASYMMETRIC_COULOMB = Location("asymmetric_coulomb", "link", 0)
 LOADED = (
     Effect("load_dependent_friction", "link", {"coefficient": 0.4}),
     Effect("payload", "link", {"mass": 0.3, "distance": 0.1}),
@@ -126,3 +129,26 @@ def test_a_shape_at_the_end_of_its_range_is_sought_again_from_the_other_starts()
     assert best.loss < 0.1 * stuck.loss and not absurd(best, search.scales)
     assert best.values == pytest.approx([0.3, 0.15, 0.2], rel=0.1)
     assert search._reshaped([best]) == []
+
+
+def test_two_effects_whose_richer_forms_fit_best_are_tried_in_their_plainer_form():
+    """Both directions of each friction are equal, so a pair with one asymmetric friction may not be named."""
+    effects = (
+        Effect("viscous_friction", "link", {"coefficient": 0.3}),
+        Effect("coulomb_friction", "link", {"torque": 0.4}),
+    )
+    log = log_of(rigid(), effects, seed=6, duration=12.0)
+    recordings = Recordings.of([log], None, log.device)
+    experiment = Experiment.of(recordings.fitted, recordings.held_out)
+    search = Search.of(
+        experiment.fitted, experiment.evaluate, lambda _: True, experiment.tuned, candidates_of(experiment)
+    )
+    members = [(ASYMMETRIC_VISCOUS, [0.3, 0.3]), (ASYMMETRIC_COULOMB, [0.4, 0.4])]
+    best = refine(search.few, search.start, members, search.scales)
+    found = {frozenset(each.name for each in fit.locations) for fit in search._plainer([best])}
+    plain = {"viscous_friction", "coulomb_friction"}
+    assert found == {
+        frozenset(plain),
+        frozenset({"asymmetric_viscous", "coulomb_friction"}),
+        frozenset({"viscous_friction", "asymmetric_coulomb"}),
+    }

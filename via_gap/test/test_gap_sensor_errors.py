@@ -62,3 +62,20 @@ def test_a_torque_that_does_not_follow_its_command_tells_of_no_sensor() -> None:
     channels = {**log.measured.channels, "tau": tau}
     moved = replace(log, measured=Signals(log.measured.time, channels, log.measured.units))
     assert sensor_errors([moved]) == ()
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.8])
+def test_commands_that_jitter_between_samples_are_no_error_of_the_torque_sensor(gain: float):
+    """The regression on a command with noise has too small a gain: .9 here for a sound sensor."""
+    log = log_of(flexible(), (), seed=32, duration=6.0)
+    sent, tau = log.commands["motor"], log.measured["tau"]
+    noise = np.random.default_rng(3).normal(0.0, 0.33 * sent.std(), sent.shape)
+    channels = {**log.commands.channels, "motor": sent + noise}
+    jittery = Signals(log.commands.time, channels, log.commands.units, log.commands.held)
+    measured = Signals(log.measured.time, {**log.measured.channels, "tau": gain * tau}, log.measured.units)
+    found = sensor_errors([replace(log, commands=jittery, measured=measured)])
+    if gain == 1.0:
+        assert found == ()
+    else:
+        (error,) = found
+        assert abs(error.effect.parameters["gain"] - gain) < 2.0 * error.sd["gain"] < 0.15

@@ -21,6 +21,7 @@ from via_gap.selection.ties import (
     common_part,
     doubt,
     plainest,
+    shares_of,
     tied_with,
 )
 from via_gap.selection.verdict import (
@@ -401,6 +402,17 @@ def test_a_search_goes_on_as_long_as_something_relevant_may_be_left(left, possib
     """Whatever comes next leaves noise at best: relevant is 5 % of the error of the tuned device above the noise."""
     tuned, fewer = even(6.0), even(left, COULOMB)
     assert improvable(fewer, tuned) == possible == relevant(even(1.0, COULOMB, DRAG), fewer, tuned)
+
+
+def test_what_the_best_model_outdoes_has_no_part_of_the_probability():
+    """Two segments show which is right; one in eight resamples has neither, and says nothing about that."""
+    rare = np.ones(64)
+    rare[[20, 41]] = 4e3
+    shares, _ = shares_of([evaluated(np.ones(64), COULOMB), evaluated(rare, DRAG)])
+    assert dict(shares) == {COULOMB: 1.0, DRAG: 0.0}
+    rare[[20, 41]] = 30.0  # small enough to be noise that is underestimated
+    shares, _ = shares_of([evaluated(np.ones(64), COULOMB), evaluated(rare, DRAG)])
+    assert 0.0 < dict(shares)[DRAG] < 0.3
 
 
 @settings(max_examples=300, deadline=None)
