@@ -183,9 +183,16 @@ def _by_names(made: Description, recorded: Recorded) -> bool:
 
 
 def _choose_drive(made: Description) -> None:
-    """A joint with goals and no torque has a position drive; one with torques a torque drive, unless its model says."""
+    """A joint with goals and no torque has a position drive; one with torques a torque drive, unless its model says.
+
+    A position drive makes its torque from the goals: the measured one beside them does not act once more.
+    """
     columns = made.columns
     torque = {"tau_1", "external_torque"} & columns.keys()
+    entry, why = columns.get("external_torque", ({}, ""))
+    if made.drive == "position" and "equilibrium" in columns and entry.get("measured"):
+        del columns["external_torque"]
+        columns["tau_1"] = {key: value for key, value in entry.items() if key != "measured"}, why
     if torque and "equilibrium" not in columns and made.drive == "position":
         made.drive = "torque"
         made.remarks.append("the recording has torques and no goals: the position drive of the model is left out")
