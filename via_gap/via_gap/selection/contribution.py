@@ -2,26 +2,38 @@
 
 A repair with several effects leaves one error. Its main effect is the one without which it leaves most, after the
 other effects and the device parameters are fitted again. How often an effect is in the best model does not say this:
-a small dry friction can be certain while the delay that explains most shares its place with a lag.
+a small dry friction can be certain while the delay that explains most shares its place with a lag. A model whose final
+fit does as well without one of its effects is not the answer.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from via_gap.candidates.location import Location
 from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.evidence import Evaluation
-from via_gap.selection.verdict import Decision
+from via_gap.selection.verdict import Decision, relevant
 
 
-def by_contribution(decision: Decision, comparison: ModelComparison) -> Decision:
+def reduced(decision: Decision, comparison: ModelComparison) -> list[Evaluation]:
+    """The model of the repair without each of its effects, if it has several."""
+    named = decision.named
+    return [_without(out, decision.chosen, comparison) for out in named] if len(named) > 1 else []
+
+
+def confirmed(decision: Decision, fewer: Sequence[Evaluation], tuned: Evaluation) -> bool:
+    """Whether the final fit still needs each effect: without it, the model is worse by a relevant amount."""
+    return all(relevant(decision.chosen, each, tuned) for each in fewer)
+
+
+def by_contribution(decision: Decision, fewer: Sequence[Evaluation]) -> Decision:
     """The same decision with the main effect of the repair first, and the mean squared error without each effect."""
-    chosen = decision.chosen
-    if len(decision.named) < 2:
+    if not fewer:
         return decision
-    left = [_without(out, chosen, comparison).mean_square for out in decision.named]
+    chosen, left = decision.chosen, [each.mean_square for each in fewer]
     order = sorted(range(len(left)), key=lambda number: -left[number])
     ordered = replace(chosen, fit=chosen.fit.reordered(order))
     models = tuple(ordered if each is chosen else each for each in decision.models)

@@ -14,7 +14,7 @@ from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_
 from via_gap.residual.recordings import follows
 from via_gap.selection.achievable import Achievable
 from via_gap.selection.comparison import ModelComparison
-from via_gap.selection.contribution import by_contribution
+from via_gap.selection.contribution import by_contribution, confirmed, reduced
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.rivals import rivals
@@ -62,14 +62,21 @@ class Gap(Record):
 def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
     """The decision, with the chosen model fitted to convergence, and its gap.
 
-    Nothing is named if the held-out gap of the repair is not below that of the fitted device parameters alone.
+    A model that its final fit does not confirm is withdrawn, and the others decide. Nothing is named if the held-out
+    gap of the repair is not below that of the fitted device parameters alone.
     """
     experiment = comparison.experiment
     achievable = Achievable(experiment)
     scales = comparison.candidates.scales
-    rivals_of = rivals(experiment.fitted, comparison.models, scales, comparison.evaluated)
-    decision = decide(experiment.tuned, comparison.models, achievable.beside, rivals_of).converged(experiment, scales)
-    decision = by_contribution(decision, comparison)
+    remaining, models = list(comparison.models), None
+    while models is None or len(remaining) < len(models):
+        models = remaining
+        rivals_of = rivals(experiment.fitted, models, scales, comparison.evaluated)
+        decision = decide(experiment.tuned, models, achievable.beside, rivals_of).converged(experiment, scales)
+        fewer = reduced(decision, comparison)
+        if not confirmed(decision, fewer, experiment.tuned):
+            remaining = [each for each in models if set(each.fit.locations) != set(decision.named)]
+    decision = by_contribution(decision, fewer)
     if decision.verdict == "main_effect":
         decision = replace(decision, transfer=transferred(decision.chosen, experiment, scales))
     gap = measured_gap(experiment, decision.chosen, achievable)
