@@ -50,6 +50,7 @@ TAKING = np.r_[  # slots of effects that can reduce the torque of a drive
 ]
 SMALLEST = 1e-9  # [N m] of a floor
 LEAST_WHOLE = 0.5  # share of the windows without a gap in their samples
+LAGS = 8.0  # time constants after which a lag has passed everything
 LEAST_GAIN = 0.05  # of a drive: smaller ones count as this
 
 
@@ -62,6 +63,7 @@ class Windows:
     weights  (3, n) of a window: <f, psi>, <f, psi'>, <f, psi''>
     stride   ticks from one window to the next
     floor    (a,) [N m] standard deviation by sensor noise
+    sensed   (a,) [N m] part of it by the noise of measured torques that drive the axis
     drive    (T, a) [N m] torque that drives each axis: of its motor, or of the springs for a link behind springs
     whole    (T - n + 1,) whether the window that begins at a tick contains no gap in the samples
     """
@@ -72,8 +74,22 @@ class Windows:
     weights: Array
     stride: int
     floor: Array
+    sensed: Array
     drive: Array
     whole: Mask
+
+    def floor_behind(self, lag: float) -> Array:
+        """(a,) [N m] floor if a lag [s] follows the measured torques: it filters their noise as well.
+
+        Otherwise a lag would explain the noise that it removes.
+        """
+        if lag <= 0.0:
+            return self.floor
+        weights, period = self.weights[0], self.record.time[1] - self.record.time[0]
+        passes = np.exp(-period / lag * np.arange(len(weights) + int(LAGS * lag / period) + 1))
+        left = np.convolve(weights, passes / passes.sum())
+        share = np.sum(left**2) / np.sum(weights**2)
+        return np.sqrt(self.floor**2 - (1.0 - share) * self.sensed**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +183,7 @@ class InverseDynamics:
         """(C, w a) in units of the floor."""
         terms = equation_torques(row, self.windows.record, self.inside)
         parts = []
-        for axis, floor in zip(self.windows.axes, self.windows.floor, strict=True):
+        for axis, floor in zip(self.windows.axes, self.windows.floor_behind(float(row[P.lag])), strict=True):
             parts.append(self.weight * self._missing_at(terms, axis) / (floor * self._passed(row, terms, axis)))
         return np.concatenate(parts, axis=1)
 
@@ -246,13 +262,13 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
         if ticks > segments.ticks + 1:
             raise SignalError(f"{log.name}: segments are shorter than a window of {times * WINDOW:g} s")
         weights = window_weights(ORDER, np.arange(ticks) / rate)
-        floor = _floor(nominal, segments, slopes, axes, np.sqrt(np.sum(weights**2, axis=1)))
+        floor, sensed = _floor(nominal, segments, slopes, axes, np.sqrt(np.sum(weights**2, axis=1)))
         if span or np.all(floor <= QUIET * drive.std(axis=0)) or 2 * ticks > segments.ticks:
             break
     whole = np.asarray(~sliding_window_view(segments.hidden, ticks).any(axis=1))
     if whole.mean() < LEAST_WHOLE:
         raise SignalError(f"{log.name}: too many samples are missing for an equation of the joint")
-    return Windows(record, undriven, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, drive, whole)
+    return Windows(record, undriven, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, sensed, drive, whole)
 
 
 def equations(segments: Segments, device: Device) -> tuple[int, ...]:
@@ -303,8 +319,13 @@ def _slopes(segments: Segments, axes: tuple[int, ...]) -> Array:
     return slopes
 
 
-def _floor(nominal: Array, segments: Segments, slopes: Array, axes: tuple[int, ...], sizes: Array) -> Array:
-    """(a,) [N m] standard deviation of a window by sensor noise alone; sizes (3,) root sums of squared weights."""
+def _floor(
+    nominal: Array, segments: Segments, slopes: Array, axes: tuple[int, ...], sizes: Array
+) -> tuple[Array, Array]:
+    """(a,) [N m] standard deviation of a window by sensor noise alone, and the part of it by measured torques.
+
+    sizes  (3,) root sums of squared weights
+    """
     noise = np.zeros(3)
     noise[list(segments.axes)] = np.sqrt(segments.ticks_per_sample) * segments.sample_noise
     each = list(axes)
@@ -312,4 +333,5 @@ def _floor(nominal: Array, segments: Segments, slopes: Array, axes: tuple[int, .
     viscous = nominal[P.viscous_friction :][each] * sizes[1]  # dominates for a light motor with much damping
     own = (inertial**2 + viscous**2) * noise[each] ** 2  # psi' and psi'' are orthogonal
     driven = segments.torque_density[[M1 + axis - 1 if axis else EXTERNAL for axis in each]] * segments.rate
-    return np.sqrt(own + (slopes**2 @ noise**2 + driven) * sizes[0] ** 2 + SMALLEST**2)
+    sensed = np.sqrt(driven) * sizes[0]
+    return np.sqrt(own + slopes**2 @ noise**2 * sizes[0] ** 2 + sensed**2 + SMALLEST**2), sensed
