@@ -64,6 +64,11 @@ class Fit:
         return [value for effect in self.effects for value in effect.parameters.values()]
 
     @property
+    def at_bound(self) -> bool:
+        """Whether a nuisance parameter is as far from the device file as it may be."""
+        return bool(np.any(np.abs(self.offsets) > BOUND - 1e-6))
+
+    @property
     def locations(self) -> tuple[Location, ...]:
         return tuple(map(Location.of, self.effects))
 

@@ -25,7 +25,7 @@ from via_gap.selection.evidence import Evaluation, predicts, vetoed
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.plausibility import doubt
 from via_gap.selection.search import Progress, Search
-from via_gap.selection.verdict import noise_only
+from via_gap.selection.verdict import no_gap, noise_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +53,14 @@ def compare_models(experiment: Experiment, candidates: CandidateSet, progress: P
         lines = with_interpolation(experiment, experiment.tuned, candidates.scales)
         if lines is not None:
             experiment, candidates = lines, candidates_of(lines)
-    if noise_only(experiment.tuned):
+    if no_gap(experiment.tuned):
         return ModelComparison(experiment, candidates, [])
     models = _searched(experiment, candidates, progress)
     best = min(models, key=lambda each: each.score, default=experiment.tuned)
     lines = with_interpolation(experiment, best, candidates.scales) if models else None
     if lines is not None:  # decided once: interpolation that helps one effect a little may harm another
         experiment, candidates = lines, candidates_of(lines)
-        models = [] if noise_only(experiment.tuned) else _searched(experiment, candidates, progress)
+        models = [] if no_gap(experiment.tuned) else _searched(experiment, candidates, progress)
     if experiment.lopsided(models):
         experiment = experiment.around(())
         candidates = candidates_of(experiment)

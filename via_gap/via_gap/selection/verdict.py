@@ -127,11 +127,13 @@ def decide(
     flexible_beside  evaluation of a flexible torque model beside the effects of a model
     rivals_of        further models with one effect of the named model replaced, with which it shares its probability
     """
-    if noise_only(tuned):
+    if no_gap(tuned):
         return Decision("no_gap", tuned, 1.0)
     unnamed = partial(_unnamed, tuned, models)
     last = ladder(tuned, models)[-1]
     if last is tuned:
+        if noise_only(tuned):
+            return Decision("no_gap", tuned, 1.0)
         if accepted(flexible_beside(tuned), tuned, tuned):
             return unnamed("unknown")
         return unnamed("cannot_tell", "the remaining error does not repeat with the motion")
@@ -203,6 +205,15 @@ def _ranking(
 def _of_size(model: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
     """The models with as many effects."""
     return [each for each in models if len(each.fit.effects) == len(model.fit.effects)]
+
+
+def no_gap(tuned: Evaluation) -> bool:
+    """Whether the device leaves only noise with its parameters inside their tolerances.
+
+    The noise is known to a factor, but is the same for every model: where a parameter would go further, a model that
+    is significantly better shows that an effect acts.
+    """
+    return noise_only(tuned) and not tuned.fit.at_bound
 
 
 def noise_only(each: Evaluation) -> bool:
