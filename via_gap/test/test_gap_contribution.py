@@ -1,5 +1,7 @@
 """Which of several named effects is the main one: that without which the repair leaves most."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
@@ -8,7 +10,8 @@ from via_gap.candidates.fit import Fit
 from via_gap.diagnosis import diagnose
 from via_gap.report.answer import _weights
 from via_gap.report.causes import compared_causes, conformal_set
-from via_gap.selection import reliability
+from via_gap.selection import gap, reliability
+from via_gap.selection.contribution import confirmed
 from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
 
@@ -50,6 +53,30 @@ def test_a_fit_in_another_order_keeps_each_effect_with_its_covariance():
     assert other.covariance.tolist() == [[8.0, 6.0, 7.0], [2.0, 0.0, 1.0], [5.0, 3.0, 4.0]]
     assert other.tolerances.tolist() == [[2.0, 0.0, 1.0], [5.0, 3.0, 4.0]]
     assert other.reordered([1, 0]).covariance.tolist() == covariance.tolist()
+
+
+def test_a_model_whose_final_fit_does_as_well_without_one_of_its_effects_is_withdrawn(monkeypatch):
+    """The dry friction matters in the search, and no more after the final fit."""
+    tuned = evaluated([200.0] * 8)
+    pair, single = evaluated([4.0] * 8, PAYLOAD, COULOMB), evaluated([9.0] * 8, PAYLOAD)
+    without = {PAYLOAD: evaluated([100.0] * 8, COULOMB), COULOMB: evaluated([4.1] * 8, PAYLOAD)}
+    decision = Decision("several_effects", pair, 1.0)
+    assert not confirmed(decision, list(without.values()), tuned)
+    assert confirmed(decision, [without[PAYLOAD], single], tuned)
+    assert confirmed(Decision("effect", single, 1.0), [], tuned)
+
+    monkeypatch.setattr(Decision, "converged", lambda self, *_: self)
+    monkeypatch.setattr(gap, "rivals", lambda *_: None)
+    monkeypatch.setattr(gap, "Achievable", lambda _: SimpleNamespace(beside=None))
+    monkeypatch.setattr(gap, "decide", lambda _tuned, models, *_: Decision("several_effects", models[0], 1.0))
+    left = {pair: list(without.values()), single: []}
+    monkeypatch.setattr(gap, "reduced", lambda decided, _: left[decided.chosen])
+    monkeypatch.setattr(gap, "measured_gap", lambda _, chosen, __: SimpleNamespace(after=chosen.rms, tuned=tuned.rms))
+    experiment = SimpleNamespace(tuned=tuned, fitted=None)
+    comparison = SimpleNamespace(
+        experiment=experiment, models=[pair, single], candidates=SimpleNamespace(scales=None), evaluated=None
+    )
+    assert gap.decide_and_measure(comparison)[0].named == (PAYLOAD,)
 
 
 def several(**changes) -> Decision:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_logs import antagonistic_log, flexible, log_of, rigid
+from scipy.signal import lfilter
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals
 from via_gap.candidates.bounds import bounds_of
@@ -211,6 +212,25 @@ def test_the_floor_is_the_scatter_of_windows_by_noise_at_any_rate(every):
     views = [InverseDynamics.of(each, there) for each in (segments, replace(segments, angles=cut_log(clean).angles))]
     with_noise, without = (view.residual(view.nominal[None])[0] for view in views)
     assert np.sqrt(np.mean((with_noise - without) ** 2)) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.004, 0.03, 0.2])
+def test_a_lag_filters_the_noise_of_measured_torques_in_the_floor(lag):
+    """White noise through the lag of the simulator, against the window, beside the closed form."""
+    segments = cut_log(log_of(rigid(), (), seed=6, duration=8.0))
+    windows = InverseDynamics.of(segments, np.arange(len(segments))).windows
+    noisy = replace(windows, floor=np.array([5.0]), sensed=np.array([3.0]))  # 4 by other sensors
+    period, weights = 1.0 / segments.rate, windows.weights[0]
+    noise = np.random.default_rng(5).standard_normal(400_000)
+    kept = np.exp(-period / lag) if lag else 0.0
+    passed = lfilter([1.0 - kept], [1.0, -kept], noise)
+    share = np.var(np.convolve(passed, weights, "valid")) / np.var(np.convolve(noise, weights, "valid"))
+    assert noisy.floor_behind(lag)[0] == pytest.approx(np.sqrt(16.0 + 9.0 * share), rel=0.01)
+    row = JointPlant.from_device(rigid()).with_effects([Effect("actuator_lag", "command", {"time_constant": 0.03})])
+    view = InverseDynamics(segments, np.arange(len(segments)), segments.nominal, noisy)
+    quiet = replace(view, windows=replace(noisy, sensed=np.array([0.0])))
+    ratio = view.residual(row.parameters[None]) / quiet.residual(row.parameters[None])
+    assert np.nanmedian(ratio) == pytest.approx(5.0 / noisy.floor_behind(0.03)[0])
 
 
 def with_gaps(log: JointLog, *gaps: tuple[float, float]) -> JointLog:

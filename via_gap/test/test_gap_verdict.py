@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from via_gap.candidates.fit import event_times
 from via_gap.candidates.location import Location
+from via_gap.residual.nuisance import BOUND
 from via_gap.selection.evidence import Evaluation, compared, significantly_worse, simplest, without_needless
 from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.ties import (
@@ -65,7 +66,13 @@ def evidence(draw: st.DrawFn) -> tuple[Evaluation, list[Evaluation], float]:
         most_sets = st.lists(st.sampled_from(sets), unique=True, min_size=min(len(sets), 2), max_size=6)
         chosen = draw(most_sets) if sets else []
         models += [leaving(reached[size - 1] + draw(st.sampled_from(NEAR)), *each) for each in chosen]
-    return leaving(most), models, float(np.exp(0.5 * most * draw(st.floats(0.0, 1.0))))
+    tuned = at_bound(leaving(most)) if draw(st.booleans()) else leaving(most)
+    return tuned, models, float(np.exp(0.5 * most * draw(st.floats(0.0, 1.0))))
+
+
+def at_bound(each: Evaluation) -> Evaluation:
+    """The same with a device parameter at the end of its range."""
+    return replace(each, fit=replace(each.fit, offsets=np.array([0.4, -BOUND])))
 
 
 def decided(case: tuple[Evaluation, list[Evaluation], float]) -> Decision:
@@ -111,9 +118,12 @@ def answer(tuned: Evaluation, models: list[Evaluation]) -> tuple[list[Evaluation
 
 def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluation) -> tuple[str, Evaluation]:
     """Verdict and model named, as the table in section 10 of docs/method.md lists them row by row."""
-    if np.mean(tuned.segments) <= 2.0:
+    noise = np.mean(tuned.segments) <= 2.0
+    if noise and np.all(np.abs(tuned.fit.offsets) < 1.3):
         return "no_gap", tuned
     tied, last = answer(tuned, models)
+    if last is tuned and noise:
+        return "no_gap", tuned
     if last is tuned:
         return ("unknown" if accepted(flexible, tuned, tuned) else "cannot_tell"), tuned
     explained, share = parts_by_hand(tuned, last, flexible), parts_by_hand(tuned, last, None)
@@ -476,7 +486,14 @@ def leaving(square: float, *locations: Location, seed: int = 0) -> Evaluation:
 
 
 def test_noise_alone_is_no_gap():
-    assert decide(leaving(1.5), [leaving(1.0, COULOMB)], reaching(1.0)).verdict == "no_gap"
+    assert decide(leaving(1.9), [leaving(1.0, COULOMB)], reaching(1.0)).verdict == "no_gap"
+
+
+def test_noise_alone_is_a_gap_where_an_effect_takes_the_place_of_a_parameter_at_its_bound():
+    tuned = at_bound(leaving(1.9))
+    assert decide(tuned, [leaving(1.0, COULOMB)], reaching(1.0)).verdict == "effect"
+    assert decide(tuned, [leaving(1.88, COULOMB)], reaching(1.0)).verdict == "no_gap"
+    assert decide(tuned, [], reaching(1.0)).verdict == "no_gap"
 
 
 @pytest.mark.parametrize(

@@ -262,13 +262,13 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
         if ticks > segments.ticks + 1:
             raise SignalError(f"{log.name}: segments are shorter than a window of {times * WINDOW:g} s")
         weights = window_weights(ORDER, np.arange(ticks) / rate)
-        floor, sensed = _floor(nominal, segments, slopes, axes, np.sqrt(np.sum(weights**2, axis=1)))
+        floor, of_torque = _floor(nominal, segments, slopes, axes, np.sqrt(np.sum(weights**2, axis=1)))
         if span or np.all(floor <= QUIET * drive.std(axis=0)) or 2 * ticks > segments.ticks:
             break
     whole = np.asarray(~sliding_window_view(segments.hidden, ticks).any(axis=1))
     if whole.mean() < LEAST_WHOLE:
         raise SignalError(f"{log.name}: too many samples are missing for an equation of the joint")
-    return Windows(record, undriven, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, sensed, drive, whole)
+    return Windows(record, undriven, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, of_torque, drive, whole)
 
 
 def equations(segments: Segments, device: Device) -> tuple[int, ...]:
@@ -334,4 +334,5 @@ def _floor(
     own = (inertial**2 + viscous**2) * noise[each] ** 2  # psi' and psi'' are orthogonal
     driven = segments.torque_density[[M1 + axis - 1 if axis else EXTERNAL for axis in each]] * segments.rate
     sensed = np.sqrt(driven) * sizes[0]
-    return np.sqrt(own + slopes**2 @ noise**2 * sizes[0] ** 2 + sensed**2 + SMALLEST**2), sensed
+    springs = slopes**2 @ noise**2 * sizes[0] ** 2
+    return np.sqrt(own + springs + sensed**2 + SMALLEST**2), sensed
