@@ -58,7 +58,7 @@ def unfitted_delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> 
 
     Effects that only resemble a delay keep theirs: the fit moves goals by less than half a sample.
     """
-    fitted = {"actuator_delay"} if problem.fits_delay else set()
+    fitted = {"actuator_delay"} if problem.delays.any() else set()
     own = [location.name not in fitted for location in locations for _ in location.parameters]
     return np.where(own, delay_sd(problem, locations), 0.0)
 

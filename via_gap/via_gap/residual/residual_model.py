@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from via_core.devices import Device
 from via_core.errors import ParameterError
-from via_core.signals import Array, Indices
+from via_core.signals import Array, Indices, Mask
 from via_sim.effects import Effect, in_order
 from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
@@ -75,9 +75,9 @@ class ResidualModel:
         return self.plant.device
 
     @property
-    def fits_delay(self) -> bool:
-        """Whether the delay of commands between samples is one of the nuisances."""
-        return any(P.delay in each.slots for each in self.nuisances)
+    def delays(self) -> Mask:
+        """(J,) whether a nuisance is the delay of commands between samples."""
+        return np.array([P.delay in each.slots for each in self.nuisances], dtype=np.bool_)
 
     def repaired(self, offsets: Array) -> Device:
         """The device with offsets (J,) [sd] of its parameters."""

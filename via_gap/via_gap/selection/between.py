@@ -95,6 +95,8 @@ def _step(
     lines, later = (few.under(partial(lined, late=each)) for each in (late, late + STEP * period))
     start, moved = fit_on(lines, best.fit), fit_on(later, best.fit)
     own = lines.nuisance_jacobian(start.effects, start.offsets, start.residual)
+    if few.views[0].segments.measured_drive:  # the shift takes the place of their delay between samples
+        own[:, few.delays] = 0.0
     shift = (moved.residual - start.residual) / STEP
     columns = [own, shift[:, None]]
     if start.effects:
