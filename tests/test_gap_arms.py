@@ -198,6 +198,24 @@ def test_the_zero_of_an_angle_is_found_from_all_joints_together(arm: Arm, joint:
     np.testing.assert_allclose(with_causes(arm, [found]).torques(there, v, a), arm.torques(q, v, a), atol=1e-12)
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.05])
+def test_one_unknown_is_found_in_noise_that_differs_from_block_to_block(arm: Arm, offset: float) -> None:
+    """Errors of ten held-out blocks do not show it, but their noise moves the unknown by a tenth of its value."""
+    run, rng = moved(arm, 40.0), np.random.default_rng(8)
+    for i, log in enumerate(run):
+        noise = 0.15 * rng.standard_normal(len(log.commands)) * (1.0 + np.sin(0.2 * log.commands.time))
+        sent = {**log.commands.channels, "external_torque": log.commands["external_torque"] + noise}
+        commands = Signals(log.commands.time, sent, log.commands.units, log.commands.held)
+        angle = {**log.measured.channels, "q": log.measured["q"] + offset * (i == 1)}
+        run[i] = replace(log, commands=commands, measured=replace(log.measured, channels=angle))
+    found = find_cause(arm, [run])
+    if offset:
+        assert isinstance(found, AngleOffset) and found.link == arm.devices[1].name
+        assert abs(found.offset - offset) < 3.0 * found.offset_sd < 0.03
+    else:
+        assert found is None
+
+
 def test_several_causes_are_fitted_beside_each_other(arm: Arm) -> None:
     run = moved(arm, 40.0, bodies=with_payload(arm, mounted("dfki_elbow", 0.3, 0.0, 0.0, -0.2)))
     shifted = run[0].measured
