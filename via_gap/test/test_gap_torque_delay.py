@@ -15,6 +15,8 @@ from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.residual.segments import cut_log
 from via_gap.selection.experiment import Experiment
+from via_sim.joint.parameters import P
+from via_sim.plants import JointPlant
 
 PERIOD, INERTIA, DRAG = 0.005, 0.04, 0.1
 QUANTUM = 2e-6
@@ -53,7 +55,9 @@ def test_the_tick_of_a_torque_is_found_and_is_no_device_parameter(after: bool):
     found = dict(zip([n.name for n in experiment.fitted.nuisances], experiment.tuned.fit.offsets, strict=True))
     assert PERIOD * found["torque delay between samples"] == pytest.approx(PERIOD * after, abs=0.05 * PERIOD)
     assert experiment.tuned.mean_square < 2.0
-    assert experiment.fitted.repaired(experiment.tuned.fit.offsets).model_dump().keys() == device.model_dump().keys()
+    repaired = JointPlant.from_device(experiment.fitted.repaired(experiment.tuned.fit.offsets))
+    fitted = experiment.fitted.row((), experiment.tuned.fit.offsets)
+    assert repaired.parameters[P.delay] == 0.0 and (fitted[P.delay] > 0.0) == after
 
 
 def test_a_torque_of_the_next_tick_is_no_cause_beside_another_one():

@@ -68,14 +68,15 @@ def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
     experiment = comparison.experiment
     achievable = Achievable(experiment)
     scales = comparison.candidates.scales
-    remaining, models = list(comparison.models), None
-    while models is None or len(remaining) < len(models):
-        models = remaining
+    models = list(comparison.models)
+    while True:
         rivals_of = rivals(experiment.fitted, models, scales, comparison.evaluated)
         decision = decide(experiment.tuned, models, achievable.beside, rivals_of).converged(experiment, scales)
         fewer = reduced(decision, comparison)
-        if not confirmed(decision, fewer, experiment.tuned):
-            remaining = [each for each in models if set(each.fit.locations) != set(decision.named)]
+        others = [each for each in models if set(each.fit.locations) != set(decision.named)]
+        if confirmed(decision, fewer, experiment.tuned) or len(others) == len(models):
+            break
+        models = others
     decision = by_contribution(decision, fewer)
     if decision.verdict == "main_effect":
         decision = replace(decision, transfer=transferred(decision.chosen, experiment, scales))
