@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.run.arm_equation import OneUnknown
+from via_gap.run.arm_equation import OneUnknown, explains
 from via_gap.run.arm_model import Arm, with_numbers
 from via_gap.run.arm_payload import REACH
 
@@ -26,7 +26,7 @@ class BodyError:
     link     that joint
     tied     joints whose bodies could have the error as well, and other causes that explain as much
     numbers  (10,) mass [kg], first (3) [kg m] and second moments (6) [kg m^2] in pinocchio's order, with numbers_sd
-    explained  share of the held-out squared error left by errors of single joints that it removes
+    explained  largest share, over joints, of the held-out squared error that it removes
     share    error of all numbers over those of the model [-], with share_sd; None if their errors differ
     """
 
@@ -42,10 +42,7 @@ class BodyError:
     def text(self) -> str:
         """One sentence."""
         other = f" (or {', '.join(self.tied)})" if self.tied else ""
-        return (
-            f"The body that {self.link} moves{other} is {self._error()}. This explains {100.0 * self.explained:.3g} % "
-            "of the squared missing torque that errors of single joints leave. The joints are diagnosed with it."
-        )
+        return f"The body that {self.link} moves{other} is {self._error()}. {explains(self.explained)}"
 
     def _error(self) -> str:
         mass, *moment = (f"{a:z.3f} ± {b:.2g}" for a, b in zip(self.numbers[:4], self.numbers_sd[:4], strict=True))

@@ -82,8 +82,9 @@ def _find(arm: Arm, train: Array, test: Array) -> ArmCause | None:
     none, alone = (ArmFit.of(train, None, gains) for gains in (False, True))
     best, rivals, tests = _smallest(arm, train, test, alone)
     fewer = _unknowns(arm, best, train) <= _unknowns(arm, alone, train)
-    gain = best.against(none if fewer else alone, test)
-    explained = 1.0 - float(np.exp(gain.mean()))
+    without = none if fewer else alone
+    gain = best.against(without, test)
+    explained = 1.0 - float(best.left(without, test).min())
     if isinstance(best.cause, OneUnknown):
         certain = _differs(best, np.concatenate((train, test)), NUMBERS.significance / tests)
     else:

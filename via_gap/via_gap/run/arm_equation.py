@@ -36,6 +36,7 @@ WINDOW = 0.1  # [s] of the averages: longer than the smoothing of the angles, sh
 DEGREE = 5  # of the polynomials that smooth the angles: bias of accelerations would remain, noise averages out
 OWN, NUMBERS_OF_BODY = 5, 10  # columns of z and of Y; one column of the missing torque follows
 GRAVITY = -1  # column of gravity in the blocks, after those of the bodies and of the offsets of angles
+TINY = np.finfo(float).tiny  # added to errors: blocks at rest have none
 _Z, _Y = slice(0, OWN), slice(OWN, OWN + NUMBERS_OF_BODY)  # the gain is the last of z
 
 
@@ -117,9 +118,20 @@ class ArmFit:
 
     def against(self, other: ArmFit, test: Array) -> Array:
         """(B,) log of the squared error of every held-out block over that of the other fit; weights of this one."""
-        own, its = (_losses(test[:, :, each.column], each.factors, self.weight) for each in (self, other))
-        tiny = np.finfo(float).tiny  # blocks at rest have no error
-        return np.asarray(np.log((own + tiny) / (its + tiny)))
+        own, its = (each.squares(test) @ self.weight for each in (self, other))
+        return np.log((own + TINY) / (its + TINY))
+
+    def left(self, other: ArmFit, test: Array) -> Array:
+        """(n,) of each joint, squared error over that of the other fit; geometric mean of the held-out blocks.
+
+        Most causes change the torques of few joints; the errors of the others would hide it.
+        """
+        own, its = self.squares(test), other.squares(test)
+        return np.exp(np.mean(np.log((own + TINY) / (its + TINY)), axis=0))
+
+    def squares(self, test: Array) -> Array:
+        """(B, n) sum of squared errors of every block and joint [N^2 m^2]."""
+        return np.einsum("ij,bijk,ik->bi", self.factors, test[:, :, self.column], self.factors)
 
     def uncertain(self, train: Array) -> tuple[Array, Array]:
         """Standard deviations of the unknowns (p,) and of the gains (n,).
@@ -131,6 +143,14 @@ class ArmFit:
         points, gains = (np.array(each) for each in zip(*((fit.point, fit.gain) for fit in left_out), strict=True))
         point, gain = (np.sqrt((len(every) - 1) * np.var(each, axis=0)) for each in (points, gains))
         return np.asarray(np.maximum(point, self.sd)), np.asarray(gain)
+
+
+def explains(share: float) -> str:
+    """Two sentences about the share [-] of its squared missing torque that a cause explains at a joint."""
+    return (
+        f"This explains {100.0 * share:.3g} % of the squared missing torque that errors of single joints leave, at the "
+        "joint where it explains most. The joints are diagnosed with it."
+    )
 
 
 def offset_column(joints: int, joint: int) -> tuple[int, int]:
@@ -164,12 +184,6 @@ def _weights(total: Array, factors: Array) -> Array:
     """(n,) inverse variance of each joint's error; 0 for a joint without windows."""
     squares = np.einsum("ij,ijk,ik->i", factors, total, factors)
     return np.divide(total[:, 0, 0], squares, out=np.zeros(len(squares)), where=squares > 0.0)
-
-
-def _losses(grams: Array, factors: Array, weight: Array) -> Array:
-    """(B,) mean whitened squared error of every block, from (B, n, 16, 16)."""
-    squares = np.einsum("ij,bijk,ik->bi", factors, grams, factors)
-    return squares @ weight / grams[:, :, 0, 0].sum(axis=1)
 
 
 def blocks(arm: Arm, run: Sequence[JointLog]) -> list[Array]:

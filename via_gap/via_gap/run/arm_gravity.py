@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 from via_core.signals import Array
 
-from via_gap.run.arm_equation import GRAVITY, NUMBERS_OF_BODY
+from via_gap.run.arm_equation import GRAVITY, NUMBERS_OF_BODY, explains
 from via_gap.run.arm_model import Arm, under
 from via_gap.selection.numbers import NUMBERS
 
@@ -28,7 +28,7 @@ class Gravity:
     gravity  (3,) [m/s^2] in the torques, with gravity_sd
     modelled (3,) [m/s^2] in the model
     tied     other causes that explain as much, such as a payload
-    explained  share of the held-out squared error left by errors of single joints that it removes
+    explained  largest share, over joints, of the held-out squared error that it removes
     """
 
     gravity: tuple[float, float, float]
@@ -74,11 +74,7 @@ class Gravity:
             what = f"Gravity points {np.degrees(self.tilt):.2f} degrees away from that of the model: it is ({seen})"
             remedy = "Check how the base is mounted"
         other = f" (or {', '.join(self.tied)})" if self.tied else ""
-        return (
-            f"{what}, not ({stated}) m/s^2 in the frame of the base{other}. {remedy}. It explains "
-            f"{100.0 * self.explained:.3g} % of the squared missing torque that errors of single joints leave. "
-            "The joints are diagnosed with it."
-        )
+        return f"{what}, not ({stated}) m/s^2 in the frame of the base{other}. {remedy}. {explains(self.explained)}"
 
 
 def with_gravity(arm: Arm, gravity: Gravity) -> Arm:

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.run.arm_equation import NUMBERS_OF_BODY, ArmFit, OneUnknown, offset_column
+from via_gap.run.arm_equation import NUMBERS_OF_BODY, ArmFit, OneUnknown, explains, offset_column
 from via_gap.run.arm_model import Arm, joint_number
 
 LINEAR = 0.2  # [rad] largest offset: beyond it the derivative is wrong by more than 2 %, and a body may resemble it
@@ -28,7 +28,7 @@ class AngleOffset:
     link       the joint
     tied       other causes that explain as much
     offset     [rad] of the measured angle: measured minus true, with offset_sd
-    explained  share of the held-out squared error left by errors of single joints that it removes
+    explained  largest share, over joints, of the held-out squared error that it removes
     """
 
     link: str
@@ -44,9 +44,8 @@ class AngleOffset:
         size = f"{np.degrees(abs(self.offset)):.3g} ± {np.degrees(self.offset_sd):.2g} degrees"
         return (
             f"The angle of {self.link}{other} is {size} ({abs(self.offset):.4f} rad) too "
-            f"{'large' if self.offset > 0.0 else 'small'} for the model: check the zero of its encoder. This explains "
-            f"{100.0 * self.explained:.3g} % of the squared missing torque that errors of single joints leave. "
-            "The joints are diagnosed with it."
+            f"{'large' if self.offset > 0.0 else 'small'} for the model: check the zero of its encoder. "
+            f"{explains(self.explained)}"
         )
 
 

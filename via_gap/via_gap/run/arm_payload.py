@@ -13,6 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from via_core.signals import Array
 
+from via_gap.run.arm_equation import explains
 from via_gap.run.arm_model import Arm, with_numbers
 
 REACH = 1.0  # [m] standard deviation of the position before anything is known: the size of an arm
@@ -29,7 +30,7 @@ class Payload:
     tied          joints that could move it as well: their held-out errors are not significantly larger
     mass          [kg] with mass_sd; negative: the bodies are too heavy
     position      (3,) [m] in the joint's frame with position_sd
-    explained     share of the held-out squared error left by errors of single joints that it removes
+    explained     largest share, over joints, of the held-out squared error that it removes
     """
 
     link: str
@@ -53,8 +54,7 @@ class Payload:
         what = "Payload" if self.mass > 0.0 else "Mass that is absent"
         return (
             f"{what} at {self.link}{other}: mass {abs(self.mass):.3g} ± {self.mass_sd:.2g} kg at ({place}) m in the "
-            f"frame of this joint. It explains {100.0 * self.explained:.3g} % of the squared missing torque that "
-            "errors of single joints leave. The joints are diagnosed with it."
+            f"frame of this joint. {explains(self.explained)}"
         )
 
 
