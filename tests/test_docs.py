@@ -6,6 +6,7 @@ those named, and writes the pictures that they make to docs/guides/images.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -164,6 +165,12 @@ def test_every_block_of_a_guide_runs(guide: Path, tmp_path: Path, domain: int):
         run_guide(guide, shell)
     if guide.stem == "diagnose":
         promised_is_answered(guide.read_text("utf-8"), tmp_path / "out" / "maccepavd.json")
+    if guide.stem == "arm":
+        payload = json.loads((tmp_path / "report_payload.json").read_text("utf-8"))
+        assert payload["link"] == "elbow" and f"{payload['mass']:.2f}" == "0.40"
+        lift = GapReport.model_validate_json((tmp_path / "report_lift.json").read_text("utf-8"))
+        friction = lift.causes[0].parameters["torque"].value
+        assert lift.effects[0].effect == "coulomb_friction" and f"{friction:.1f}" == "0.5"
 
 
 def promised_is_answered(text: str, answer: Path) -> None:

@@ -107,7 +107,7 @@ def render(
 
 def simulate(
     logs: Annotated[list[Path], typer.Argument(help="Bags, CSV, Parquet, NumPy, MATLAB or JSON files.")],
-    device: Annotated[str, typer.Option(help="Device name or path to its YAML.")],
+    device: Annotated[str, typer.Option(help="Device name or path to its YAML; of an --arm, the name of its joint.")],
     effects: Annotated[Path | None, typer.Option(help="Effects file to add to the nominal model.")] = None,
     report: Annotated[
         Path | None,
@@ -128,13 +128,13 @@ def simulate(
     For a joint of an --arm the error is the residual torque of its equation of motion; nothing is simulated.
     """
     check_files(out)
-    described = load_device(device)
     saved = saved_report(report) if report is not None else None
     added = load_effects(effects) if effects is not None else saved.repaired() if saved is not None else ()
     held_out = saved.held_out if saved is not None else ()
     if arm is not None:
-        read = joint_of_arm(arm, described, logs, payload or (), Constants(counts_per_turn, torque_constant))
+        described, read = joint_of_arm(arm, device, logs, payload or (), Constants(counts_per_turn, torque_constant))
     else:
+        described = load_device(device)
         read = read_logs(logs, described)
     by_equations = arm is not None or (saved is not None and saved.by_equations)
     if saved is not None:

@@ -59,17 +59,18 @@ def named_causes(found: ArmDiagnosis | None) -> list[tuple[str, ArmCause]]:
 
 def joint_of_arm(
     arm: str,
-    device: Device,
+    joint: str,
     logs: Sequence[Path],
     causes: Sequence[Path],
     constants: Constants,
-) -> list[JointLog]:
-    """The logs of one joint, with the causes of an arm's reports. Raises ViaError where the arm has no such joint."""
+) -> tuple[Device, list[JointLog]]:
+    """A joint and its logs, with the causes of an arm's reports. Raises ViaError where the arm has no such joint."""
     from via_gap.run.arms import find_arm, read_arm_log, read_cause, with_causes
 
     whole = find_arm(arm, logs[0], constants)
     whole = with_causes(whole, [read_cause(path) for path in causes])
     names = [each.name for each in whole.devices]
-    if device.name not in names:
-        raise ViaError(f"'{device.name}' is not a joint of '{whole.name}', which has: {', '.join(names)}")
-    return [read_arm_log(path, whole)[names.index(device.name)] for path in logs]
+    if joint not in names:
+        raise ViaError(f"'{joint}' is not a joint of '{whole.name}', which has: {', '.join(names)}")
+    number = names.index(joint)
+    return whole.devices[number], [read_arm_log(path, whole)[number] for path in logs]
