@@ -177,7 +177,7 @@ class Counting(Controller[int]):
 
 def test_controllers_and_velocities_restart_when_their_state_is_outdated():
     begun = [10]
-    supervisor = JointSupervisor.of(Counting(), JointAxes(QBMOVE), start=lambda: begun[0])
+    supervisor = JointSupervisor.of(Counting(), JointAxes(QBMOVE), initial=lambda: begun[0])
     state, seen = supervisor.init(), []
 
     def at(time, q, active=True):

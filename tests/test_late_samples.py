@@ -131,6 +131,15 @@ def test_torques_act_whatever_the_offset_and_drift_of_the_clocks():
             assert acting(stamps, (1.0 + rate) * stamps + delay + offset)[1:].mean() > 0.8
 
 
+@pytest.mark.parametrize("rate", [200.0, 1000.0])
+@pytest.mark.parametrize("jitter", [1e-4, 3e-4, 1e-3])
+def test_arrivals_that_vary_are_not_lateness(rate, jitter):
+    stamps = np.arange(20_000) / rate
+    for seed in range(5):
+        delay = np.random.default_rng(seed).exponential(jitter, len(stamps))
+        assert acting(stamps, np.maximum.accumulate(stamps + delay) + OFFSET).mean() > 0.998
+
+
 def test_only_samples_that_are_late_do_not_act():
     times = np.array(arrivals(1000, (0.4, 0.5)))
     late = times - np.arange(1000) * TICK > LATEST

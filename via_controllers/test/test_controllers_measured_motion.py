@@ -8,6 +8,7 @@ from via_controllers.contract import ArmController, ArmSample, Torques
 from via_controllers.supervision.arm_limits import ArmLimits
 from via_controllers.supervision.arm_supervision import GAP, Activity, Supervisor
 from via_controllers.supervision.measured_motion import (
+    CORRECTED,
     DEFLECTED,
     IMPOSSIBLE,
     VELOCITIES,
@@ -108,3 +109,28 @@ def test_velocities_that_do_not_fit_leave_the_arm_passive():
         state, answer = supervisor.step(replace(state, inner=0), sample, True)
         faults.append(answer.fault)
     assert VELOCITIES in faults and faults[0] == ""
+
+
+def test_limits_get_the_speed_of_the_angles_while_velocities_repeat():
+    """A frozen velocity is an error of .2 rad only after the speed has changed by several rad/s."""
+    n, step, pull = 2, 1e-3, 300.0  # [rad/s^2]
+    found, motion = [], None
+    for k in range(30):
+        time = k * step
+        angle, zero = np.full(n, 0.5 * pull * time**2), np.zeros(n)
+        sample = ArmSample(time, np.zeros(n), zero, angle, zero, np.full(n, np.nan))
+        motion = MeasuredMotion.of(sample) if motion is None else motion.next(sample, GAP)[0]
+        found.append(motion.corrected.theta_velocity[0])
+    lag = CORRECTED + step
+    np.testing.assert_allclose(found[-1], pull * (29 * step - lag), atol=0.05 * found[-1])
+    assert not motion.corrected.q_velocity.any()
+
+
+def test_right_velocities_are_not_corrected():
+    step, motion = 1e-3, None
+    for k in range(200):
+        time = k * step
+        angle, speed = np.array([np.sin(9.0 * time)]), np.array([9.0 * np.cos(9.0 * time)])
+        sample = ArmSample(time, angle, speed, angle, speed, np.array([np.nan]))
+        motion = MeasuredMotion.of(sample) if motion is None else motion.next(sample, GAP)[0]
+        np.testing.assert_allclose(motion.corrected.theta_velocity, speed, atol=1e-3)

@@ -139,11 +139,11 @@ def _loads(
 class OnAxes(ArmController[State], Generic[State]):
     """A joint's controller applied to its axes.
 
-    start  returns the initial state; None: the controller's `init`
+    initial  returns the initial state; None: the controller's `init`
     """
 
     controller: Controller[State]
-    start: Callable[[], State] | None = None
+    initial: Callable[[], State] | None = None
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -153,7 +153,7 @@ class OnAxes(ArmController[State], Generic[State]):
         return self.controller.observe(state)
 
     def init(self, sample: ArmSample) -> State:
-        return self.controller.init() if self.start is None else self.start()
+        return self.controller.init() if self.initial is None else self.initial()
 
     def step(self, state: State, sample: ArmSample) -> tuple[State, Torques]:
         if not sample.valid:

@@ -119,12 +119,12 @@ class ControllerNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._tear_down()
+        self._end()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._active = False
-        self._tear_down()
+        self._end()
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -181,6 +181,16 @@ class ControllerNode(LifecycleNode):
             return self._entities[-1][1]
 
         return created
+
+    def _end(self) -> None:
+        """The last command is zero: the torque does not wait for the driver's watchdog to end."""
+        if self._entities and self._last is not None:
+            self._send_zero(self._last)
+        self._tear_down()
+
+    def _send_zero(self, last: int) -> None:
+        zero = np.zeros(self._supervisor.limits.arm.n)
+        self._publish_command(self._writer.command(_stamp_now(last), zero))
 
     def _tear_down(self) -> None:
         while self._entities:
@@ -245,8 +255,7 @@ class ControllerNode(LifecycleNode):
         if time.monotonic() - self._progress > SILENCE - LOOK:
             self._silent = True
             self._silences += 1
-            zero = np.zeros(self._supervisor.limits.arm.n)
-            self._publish_command(self._writer.command(_stamp_now(self._last), zero))
+            self._send_zero(self._last)
 
     def _report(self) -> None:
         if not self._entities:  # the timer was due already when its publisher was destroyed

@@ -97,10 +97,10 @@ class Supervisor:
         continued = state.deciding is deciding and 0.0 <= sample.time - state.time <= GAP
         try:
             inner, out = controller.step(state.inner if continued else controller.init(sample), sample)
-        except (ArithmeticError, np.linalg.LinAlgError) as error:
-            return waiting, self._without(f"the controller fails on a sample: {error}")
+        except Exception as error:  # whatever fails in it, the node lives and the motors get no torque
+            return waiting, self._without(f"the controller fails on a sample: {type(error).__name__}: {error}")
         step = sample.time - state.time
-        torque, changed = self.limits.kept(sample, out.torque, step if 0.0 < step <= GAP else 0.0)
+        torque, changed = self.limits.kept(motion.corrected, out.torque, step if 0.0 < step <= GAP else 0.0)
         if out.saturated:
             changed = LIMITS[changed | TORQUE]
         applied = torque if acts else None

@@ -49,16 +49,18 @@ class JointSupervisor:
 
     @classmethod
     def of(
-        cls, controller: Controller[Any], axes: JointAxes, start: Callable[[], Any] | None = None, drive: float = 0.5
+        cls, controller: Controller[Any], axes: JointAxes, initial: Callable[[], Any] | None = None, drive: float = 0.5
     ) -> JointSupervisor:
         """The supervisor with `HoldJoint` and the default limits.
 
-        start  returns the controller's initial state; None: `controller.init`
-        drive  share of their speed limit that the controller may use; with 1 none is left to follow an accelerated link
+        initial  returns the controller's initial state; None: `controller.init`
+        drive    share of their speed limit that the controller may use; with 1 none is left to follow a fast link
         """
         speed = max(drive, ArmLimits.speed_share)
-        limits = ArmLimits(axes, drive_share=drive, speed_share=speed, deflection_share=REACH)
-        return cls(Supervisor(OnAxes(controller, start), HoldJoint(axes), limits))
+        limits = ArmLimits(
+            axes, drive_share=drive, speed_share=speed, deflection_share=REACH, lag=1.0 / cls.velocity_bandwidth
+        )
+        return cls(Supervisor(OnAxes(controller, initial), HoldJoint(axes), limits))
 
     @property
     def controller(self) -> ArmController[Any]:

@@ -6,8 +6,9 @@ and answer is not known, since the clocks of robot and controller may differ, bu
 
     late = arrival - stamp - least > LATEST,   least = min(arrival - stamp) so far
 
-`least` may change by DRIFT, because clocks drift. A sample with a still smaller difference shows that those before were
-late; while a queue is worked off each sample is such. After a stamp that goes backward `least` starts anew.
+`least` rises by DRIFT, because clocks drift. It falls a little whenever a message arrives faster than all before. A
+fall by FALL shows that a queue is worked off, whose samples were late: torques count as late until CALM after the last
+one. After a stamp that goes backward `least` starts anew.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from dataclasses import dataclass
 from math import inf
 
 LATEST = 0.02  # [s] watchdog of drivers and simulators
+FALL = 0.25 * LATEST  # [s], more than the arrivals of a network vary in general
+CALM = 0.03  # [s]: a queue whose samples are answered at 1.2 times their rate or faster falls by FALL within it
 DRIFT = 1e-3  # [s/s] of two clocks, at most
 
 
@@ -24,12 +27,19 @@ class Lateness:
     """State after a sample."""
 
     least: float = inf  # [s] smallest arrival minus stamp
+    level: float = inf  # [s] `least` after its last fall by FALL
+    fell: float = -inf  # [s] arrival of the sample with this fall
     stamp: float = -inf  # [s] of the last sample
     arrival: float = 0.0  # [s] of the last sample
 
     def step(self, stamp: float, arrival: float) -> tuple[Lateness, bool]:
         """The next state, and whether torques for the sample act; both times [s], each of its own clock."""
-        difference, drift = arrival - stamp, DRIFT * (arrival - self.arrival)
-        before = self.least if stamp >= self.stamp else inf
-        acts = before - drift <= difference <= before + drift + LATEST
-        return Lateness(min(difference, before + drift), stamp, arrival), acts
+        difference = arrival - stamp
+        if stamp < self.stamp or self.least == inf:
+            return Lateness(difference, difference, -inf, stamp, arrival), True
+        least = min(difference, self.least + DRIFT * (arrival - self.arrival))
+        level, fell = max(self.level, least), self.fell
+        if least < level - FALL:
+            level, fell = least, arrival
+        acts = difference <= least + LATEST and arrival - fell >= CALM
+        return Lateness(least, level, fell, stamp, arrival), acts

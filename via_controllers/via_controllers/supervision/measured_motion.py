@@ -5,7 +5,9 @@
     velocities    their integral follows the angles: drivers often publish zeros, or another unit
 
 The difference between an angle and the integral of its velocity fades with the time constant FADES, so that neither a
-bias nor the lag of a filter counts.
+bias nor the lag of a filter counts. Until a wrong velocity is found, limits must hold with it. They get the faster of
+two: the measured one, and one whose changes within CORRECTED are measured and whose slower part is that of the angle (a
+complementary filter).
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from via_controllers.supervision.arm_limits import LimitedArm
 
 FURTHEST, FASTEST = 1e2, 1e3  # [rad], [rad/s]
 BEYOND = 2.0  # stops: no impact deflects a spring that far, degrees and lost turns do
+CORRECTED = 0.005  # [s]: an encoder of 14 bits at 1 kHz adds noise of .01 rad/s
 FADES, DIFFERENT = 0.5, 0.2  # [s], [rad]: a filter that lags by 20 ms differs by as much at 10 rad/s
 IMPOSSIBLE = "unusable samples: a value is missing or impossible"
 DEFLECTED = (
@@ -34,25 +37,37 @@ VELOCITIES = (
 
 @dataclass(frozen=True, eq=False)
 class MeasuredMotion:
-    """The last usable sample and the differences (2, n) [rad] between angles and integrated velocities."""
+    """The last usable sample, and how its velocities differ from its angles; links first, then motors.
+
+    apart   (2, n) [rad] angles minus integrated velocities
+    lacking (2, n) [rad/s] what the velocities lack
+    """
 
     sample: ArmSample
     apart: Array
+    lacking: Array
 
     @staticmethod
     def of(sample: ArmSample) -> MeasuredMotion:
         """The motion that begins with `sample`."""
-        return MeasuredMotion(sample, np.zeros((2, len(sample.q))))
+        return MeasuredMotion(sample, *np.zeros((2, 2, len(sample.q))))
+
+    @property
+    def corrected(self) -> ArmSample:
+        """The sample with the velocities that limits need: measured or corrected ones, whichever are faster."""
+        now, (links, motors) = self.sample, self.lacking
+        links, motors = _faster(now.q_velocity, links), _faster(now.theta_velocity, motors)
+        return ArmSample(now.time, now.q, links, now.theta, motors, now.spring_torque)
 
     def next(self, sample: ArmSample, longest: float) -> tuple[MeasuredMotion, str]:
         """The next state, and what is wrong with the velocities of `sample`; anew after `longest` [s]."""
         step, last = sample.time - self.sample.time, self.sample
         if not 0.0 < step <= longest:
             return self.of(sample), ""
-        apart = self.apart.copy()
-        _compare(apart[0], step, last.q, sample.q, last.q_velocity, sample.q_velocity)
-        _compare(apart[1], step, last.theta, sample.theta, last.theta_velocity, sample.theta_velocity)
-        return MeasuredMotion(sample, apart), VELOCITIES if np.abs(apart).max() > DIFFERENT else ""
+        apart, lacking = self.apart.copy(), self.lacking.copy()
+        _compare(apart[0], lacking[0], step, last.q, sample.q, last.q_velocity, sample.q_velocity)
+        _compare(apart[1], lacking[1], step, last.theta, sample.theta, last.theta_velocity, sample.theta_velocity)
+        return MeasuredMotion(sample, apart, lacking), VELOCITIES if np.abs(apart).max() > DIFFERENT else ""
 
 
 def fault_of(sample: ArmSample, arm: LimitedArm) -> str:
@@ -80,7 +95,19 @@ def _within(q: Array, theta: Array, stop: Array) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def _compare(apart: Array, step: float, before: Array, now: Array, last: Array, velocity: Array) -> None:
+def _compare(
+    apart: Array, lacking: Array, step: float, before: Array, now: Array, last: Array, velocity: Array
+) -> None:
     for i in range(apart.size):
         moved = now[i] - before[i] - 0.5 * step * (last[i] + velocity[i])
         apart[i] = (apart[i] + moved) / (1.0 + step / FADES)
+        lacking[i] += (moved - step * lacking[i]) / (CORRECTED + step)
+
+
+@njit(cache=True, error_model="numpy")
+def _faster(measured: Array, lacking: Array) -> Array:
+    out = measured.copy()
+    for i in range(out.size):
+        if abs(measured[i] + lacking[i]) > abs(measured[i]):
+            out[i] = measured[i] + lacking[i]
+    return out
