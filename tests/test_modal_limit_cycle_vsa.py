@@ -28,7 +28,7 @@ def run(controller: VsaModalLimitCycle, duration: float, noise: TorqueNoise | No
     """Modal quantities of a run of the controller on the arm."""
     course = cycling(controller, duration, noise=noise)
     assert course.saturated == 0.0
-    return in_modes(controller, course)
+    return in_modes(controller.cycle, course.q, course.velocity)
 
 
 @pytest.mark.parametrize("mode", [0, 1])

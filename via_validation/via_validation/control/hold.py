@@ -48,7 +48,7 @@ def held_and_released(
     controller = limit_cycle_controller(mode, gain, start=start)
     arm = controller.cycle.arm
     run = cycling(controller, SETTLING, share=1.0)
-    steady = in_modes(controller, run)
+    steady = in_modes(controller.cycle, run.q, run.velocity)
     period = 1.0 / steady.frequencies()[0]
     eigenvalue = float(steady.eigenvalue[-round(period / PERIOD) :].mean())
     for _ in range(phases):
@@ -57,7 +57,8 @@ def held_and_released(
         z, speed = seen.z[mode], seen.z_velocity[mode] / np.sqrt(seen.basis.eigenvalues[mode])
         hand = Hand(arm.tip_position(run.body.q))
         held = run_arm(arm, controller, run.body, (Phase(duration, (hand,), 4),), run.state)
-        after = in_modes(controller, run_arm(arm, controller, held.body, (Phase(AFTER),), state=held.state))
+        free = run_arm(arm, controller, held.body, (Phase(AFTER),), state=held.state)
+        after = in_modes(controller.cycle, free.q, free.velocity)
         force = float(np.linalg.norm(held.force[len(held.force) // 2 :], axis=1).max())
         phase, grip = float(np.arctan2(-speed, z)), abs(float(z)) / controller.cycle.amplitude
         yield Released(phase, grip, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated > 0.0, force)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
-from typing import Protocol
 
 import numpy as np
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
-from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
+from via_controllers.arms.modal_limit_cycle import ModalLimitCycle, ModalMotion
 from via_controllers.arms.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
 from via_controllers.arms.modal_transform import ModalBasis, first_basis
 from via_controllers.arms.self_start import START, turned
@@ -88,23 +88,25 @@ def cycling(
     return run_arm(controller.cycle.arm, controller, start(controller, share), (Phase(duration),), noise=noise)
 
 
-class Observed(Protocol):
-    """A run with the controller's quantities."""
+def in_modes(cycle: ModalLimitCycle, q: Array, velocity: Array) -> CycleCourse:
+    """Modal quantities of the motion q (N, n) [rad], qd (N, n) [rad/s] of `cycle.arm`.
 
-    def quantity(self, name: str) -> Array:
-        """(N,) the quantity of this name."""
+    That arm is the one that moved. The controller's model may differ from it, its own H and z are then not the arm's.
+    """
+    basis, seen = cycle.init(q[0]), []
+    for angles, speeds in zip(q, velocity, strict=True):
+        seen.append(cycle.at(basis, angles, speeds))
+        basis = seen[-1].basis
+    return _course(cycle, seen)
 
 
-def in_modes(controller: VsaModalLimitCycle, run: Observed) -> CycleCourse:
-    """Modal quantities of a run, from the controller's quantities."""
-    k, level = controller.cycle.mode, controller.cycle.level
-    z = np.stack([run.quantity(f"z_{i + 1}") for i in range(controller.cycle.arm.n)], axis=1)
-    frequency = run.quantity(f"frequency_{k + 1}")
+def _course(cycle: ModalLimitCycle, seen: Sequence[ModalMotion]) -> CycleCourse:
+    z = np.array([motion.z for motion in seen])
     return CycleCourse(
-        H=run.quantity("H") / level - 1.0,
-        leak=np.abs(np.delete(z, k, axis=1)).max(axis=1) / np.sqrt(2.0 * level),
-        z=z[:, k],
-        eigenvalue=(2.0 * np.pi * frequency) ** 2,
+        H=np.array([motion.H for motion in seen]) / cycle.level - 1.0,
+        leak=np.abs(np.delete(z, cycle.mode, axis=1)).max(axis=1) / cycle.amplitude,
+        z=z[:, cycle.mode],
+        eigenvalue=np.array([motion.basis.eigenvalues[cycle.mode] for motion in seen]),
     )
 
 
@@ -133,10 +135,4 @@ def rigid(cycle: ModalLimitCycle, duration: float, step: float = 2e-3, others: f
         a3 = pulled(q + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2)
         a4 = pulled(q + h * v + 0.5 * h * h * a2, v + h * a3, direction)
         q, v = q + h * v + h * h / 6.0 * (a1 + a2 + a3), v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-    z = np.array([motion.z for motion in seen])
-    return CycleCourse(
-        H=np.array([motion.H for motion in seen]) / cycle.level - 1.0,
-        leak=np.abs(np.delete(z, k, axis=1)).max(axis=1) / np.sqrt(2.0 * cycle.level),
-        z=z[:, k],
-        eigenvalue=np.array([motion.basis.eigenvalues[k] for motion in seen]),
-    )
+    return _course(cycle, seen)

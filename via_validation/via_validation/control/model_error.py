@@ -1,20 +1,23 @@
 """Closed loop of an arm whose plant differs from the controller's model, with delay, rate, noise, friction, estimators.
 
-Samples come at `rate` and their command acts `delay` later; in between the last one acts. Efforts are the mean torques
-over the interval that ends at the sample, as a drive reports them. Encoders are rounded to `encoder` and velocities are
-differences of rounded angles behind a low pass; without an encoder all values are exact.
+The controller runs under its supervisor, as in its node, with the limits of its model. Samples come at `rate` and their
+command acts `delay` later; in between the last one acts. Efforts are the mean torques over the interval that ends at
+the sample, as a drive reports them. Encoders are rounded to `encoder` and velocities are differences of rounded angles
+behind a low pass; without an encoder all values are exact.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from math import tanh
 from typing import Any
 
 import numpy as np
-from via_controllers.arms.adaptive_limit_cycle import AdaptiveLimitCycle
+from via_controllers.arms.adaptive_limit_cycle import AdaptiveLimitCycle, AdaptiveSwing
 from via_controllers.contract import ArmController, ArmSample
 from via_controllers.low_pass import low_passed
+from via_controllers.robot import ControlledArm
 from via_core.devices import load_device
 from via_core.signals import Array
 from via_core.status import Status
@@ -54,7 +57,9 @@ class Estimators:
         self.payload = Live(Payload(arm))
         self.joints = [Live(estimator_for(load_device(f"{name}:{joint}"))) for joint in arm.joints]
 
-    def inform(self, controller: AdaptiveLimitCycle, state: Any, sample: ArmSample, effort: Array) -> Any:
+    def inform(
+        self, controller: AdaptiveLimitCycle, sample: ArmSample, effort: Array, state: AdaptiveSwing
+    ) -> AdaptiveSwing:
         """The controller's state with the estimates at `sample`, `effort` (n,) [N m] of the motors up to it."""
         time, n = sample.time, len(self.joints)
         row = np.concatenate([[time], sample.q, sample.q_velocity, sample.theta, sample.theta_velocity, effort])
@@ -71,16 +76,17 @@ class Estimators:
 
 @dataclass(frozen=True)
 class ErrorRun:
-    """N samples; `finished` is False if a spring came to its stop, which ends the run."""
+    """N samples of the real arm; `finished` is False if a spring came to its stop or the supervisor stopped the motors.
+
+    Both end the run.
+    """
 
     time: Array  # (N,) [s]
     q: Array  # (N, n) [rad]
     velocity: Array  # (N, n) [rad/s]
-    torque: Array  # (N, n) [N m] commanded
     values: Array  # (N, k) quantities of the controller
     names: tuple[str, ...]
     finished: bool
-    state: Any = field(repr=False)
 
     def quantity(self, name: str) -> Array:
         """(N,) the controller's quantity of this name."""
@@ -92,22 +98,22 @@ def run_with_error(
     estimators: Estimators | None = None,
 ) -> ErrorRun:  # fmt: skip
     """Simulate `controller`, made for `model`, on the arm with `error` from `start`; estimators inform it if given."""
+    supervisor = ControlledArm.with_holding(model, controller).supervisor
     plant, n = error.plant(model), model.n
     per, late = round(1.0 / (error.rate * SUBSTEP)), round(error.delay / SUBSTEP)
     x = np.array([start.q, start.velocity, start.theta, start.motor_velocity])
     unknown, zero = np.full(n, np.nan), np.zeros(n)
-    hold, measured, state = -model.spring_state(x[0] - x[2])[0], _Measured(error), None
+    hold, measured, state = -model.spring_state(x[0] - x[2])[0], _Measured(error), supervisor.init()
     waiting: list[tuple[int, Array]] = []
     effort, rows = hold.copy(), []
     for tick in range(round(duration * error.rate)):
         time = tick / error.rate
         q, v, theta, w = measured.at(x, 1.0 / error.rate)
         sample = ArmSample(time, q, v, theta, w, unknown)
-        state = controller.init(sample) if state is None else state
-        if estimators is not None and isinstance(controller, AdaptiveLimitCycle):
-            state = estimators.inform(controller, state, sample, effort)
-        state, out = controller.step(state, sample)
-        rows.append(np.concatenate([[time], x[0], x[1], out.torque, controller.observe(state)]))
+        state, out = supervisor.step(state, sample, active=True)
+        if estimators is not None and isinstance(controller, AdaptiveLimitCycle):  # of this sample, for the next one
+            state = supervisor.updated(state, partial(estimators.inform, controller, sample, effort))
+        rows.append(np.concatenate([[time], x[0], x[1], supervisor.observe(state)]))
         waiting.append((tick * per + late, out.torque))
         effort = np.zeros(n)
         for k in range(per):
@@ -116,13 +122,13 @@ def run_with_error(
             applied = limited_torque(plant, x[3], hold)
             x = _stepped(plant, x, applied, error.dry_friction, zero)
             effort += applied / per
-        if not (np.abs(x[0] - x[2]) <= model.deflection_limit).all():
+        if out.fault or not (np.abs(x[0] - x[2]) <= model.deflection_limit).all():
             break
     found = np.array(rows)
     names = tuple(each.name for each in controller.quantities)
-    finished = len(found) == round(duration * error.rate)
-    split = np.split(found, [1, 1 + n, 1 + 2 * n, 1 + 3 * n], axis=1)
-    return ErrorRun(split[0][:, 0], split[1], split[2], split[3], split[4], names, finished, state)
+    finished = len(found) == round(duration * error.rate) and not out.fault
+    split = np.split(found, [1, 1 + n, 1 + 2 * n], axis=1)
+    return ErrorRun(split[0][:, 0], split[1], split[2], split[3], names, finished)
 
 
 def _stepped(plant: VsaArm, x: Array, torque: Array, dry: float, no_load: Array) -> Array:

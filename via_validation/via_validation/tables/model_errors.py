@@ -7,7 +7,7 @@ the default stiffness estimator, as over DDS.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -67,7 +67,8 @@ CASES = (
 BY_KEY = {case.key: case for case in CASES}
 SETTINGS = (
     f"reference_4dof as in 6.1, from half of the amplitude; largest value from {FROM:g} s to {DURATION:g} s; adaptive: "
-    "modal_limit_cycle with adapt, payload and stiffness estimators with default parameters"
+    "modal_limit_cycle with adapt, payload and stiffness estimators with default parameters; modes and states of the "
+    "real arm"
 )
 BANG_SETTINGS = f"set-up of 6.2 with link friction; from {STEADY:g} s to {BANG_BANG:g} s; modes of the real arm"
 
@@ -89,12 +90,13 @@ def rows(seeds: int, progress: Progress) -> list[Row]:
 
 @cache
 def cycle_run(key: str, mode: int, adapt: bool) -> tuple[ErrorRun, CycleCourse]:
-    """The limit cycle under the error of this case, k = `mode`."""
+    """The limit cycle under the error of this case, k = `mode`, and its course in the modes of the real arm."""
     published = limit_cycle_controller(mode)
     parameters = ModalLimitCycleParameters(mode=mode + 1, adapt=adapt)
     controller, estimators = (parameters.adaptive(), Estimators(ARM, ARM.name)) if adapt else (published, None)
-    run = run_with_error(ARM, controller, start(published), BY_KEY[key].error, DURATION, estimators)
-    return run, in_modes(published, run)
+    error = BY_KEY[key].error
+    run = run_with_error(ARM, controller, start(published), error, DURATION, estimators)
+    return run, in_modes(replace(published.cycle, arm=error.plant(ARM)), run.q, run.velocity)
 
 
 def _cycle_rows(case: Case, mode: int) -> list[Row]:

@@ -91,7 +91,7 @@ def _flexible() -> list[Row]:
     for mode in MODES:
         controller = limit_cycle_controller(mode)
         run = cycling(controller, 3.0)
-        seen = in_modes(controller, run)
+        seen = in_modes(controller.cycle, run.q, run.velocity)
         outside = np.flatnonzero(np.abs(seen.H) > 0.02)
         frequency, linear = seen.frequencies()
         at, words = f"6.1.arm.mode{mode + 1}", f"flexible joints, mode {mode + 1}"
@@ -114,7 +114,8 @@ def _noisy(seeds: int) -> list[Row]:
         controller = limit_cycle_controller(mode)
         leaks = []
         for seed in range(seeds):
-            seen = in_modes(controller, cycling(controller, 3.0, noise=TorqueNoise(NOISE, seed)))
+            run = cycling(controller, 3.0, noise=TorqueNoise(NOISE, seed))
+            seen = in_modes(controller.cycle, run.q, run.velocity)
             leaks.append(float(seen.leak[seen.late].max()))
         found.append(Row(f"6.1.noise.mode{mode + 1}.leak", f"torque sensors with {NOISE:g} N m noise, mode {mode + 1}",
                          LEAK, None, max(leaks), 2e-3, FLEXIBLE, seeds, "the largest of all seeds"))  # fmt: skip
@@ -128,7 +129,7 @@ def _from_rest() -> list[Row]:
     for mode in MODES:
         controller = limit_cycle_controller(mode)
         run = cycling(controller, 1.5, share=0.0)
-        seen = in_modes(controller, run)
+        seen = in_modes(controller.cycle, run.q, run.velocity)
         period = 2.0 * np.pi / np.sqrt(seen.eigenvalue[seen.late].mean())
         at, words = f"6.1.rest.mode{mode + 1}", f"from rest at z = 0, mode {mode + 1}"
         for periods, limit in ERRORS:
