@@ -276,6 +276,15 @@ def test_the_word_that_differs_between_positions_is_the_joint_without_a_model() 
     assert remark.startswith("several columns look like the position: raw enc (deg), filtered enc (deg); 'raw")
 
 
+def test_several_torques_are_remarked_and_the_short_word_for_effort_is_known() -> None:
+    time = 1e-2 * np.arange(50.0)
+    wave = np.sin(time)
+    tables = {"": pandas.DataFrame({"time": time, "pos": wave, "eff": wave, "tau_est": 2.0 * wave})}
+    found = entries_of(tables, guess_columns(tables), "")
+    assert found.columns["external_torque"][0]["column"] == "eff"
+    assert found.remarks[0].startswith("several columns look like the torque: eff, tau_est; 'eff' is used")
+
+
 def test_remarks_name_the_columns_of_the_joint_that_the_recording_calls_otherwise() -> None:
     time = 1e-2 * np.arange(50.0)
     columns = {f"m{k}_{what}": np.sin(time + k) for k in (1, 2) for what in ("pos", "temp")}

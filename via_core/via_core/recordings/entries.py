@@ -95,12 +95,13 @@ def entries_of(
             entry,
             f"{guess.reason}{'' if guess.sure or 'check' in guess.reason else f'; taken as {guess.unit}'}",
         )
-    positions = [each.column for each in guesses if each.quantity == "position" and each.joint in own]
-    if len(positions) > 1 and not bag:
-        remarks.append(
-            f"several columns look like the position: {', '.join(positions)}; '{chosen['position'].column}' is used; "
-            "check q under wire.columns"
-        )
+    for quantity in ("position", "torque"):
+        alike = [each.column for each in guesses if each.quantity == quantity and each.joint in own]
+        if len(alike) > 1 and not bag:
+            remarks.append(
+                f"several columns look like the {quantity}: {', '.join(alike)}; '{chosen[quantity].column}' is used; "
+                "check its name under wire.columns"
+            )
     used = {each[0]["column"] for each in columns.values()} | {time.column} | explained
     left = [each.column for each in guesses if each.column not in used and each.joint in own and not bag]
     if left:

@@ -27,7 +27,9 @@ WORDS = {
     "time": {"time", "t", "stamp", "timestamp", "timestamps", "clock", "ts", "secs", "seconds", "zeit"},
     "position": {"position", "positions", "pos", "angle", "angles", "q", "qpos", "theta", "enc", "encoder", "phi"},
     "velocity": {"velocity", "velocities", "vel", "qd", "dq", "qvel", "speed", "omega", "qdot", "dtheta", "thetadot"},
-    "torque": {"torque", "torques", "effort", "efforts", "tau", "trq", "moment", "force", "forces", "qfrc", "load"},
+    "torque": {
+        "torque", "torques", "effort", "efforts", "eff", "tau", "trq", "moment", "force", "forces", "qfrc", "load",
+    },
     "current": {"current", "currents", "cur", "curr", "i", "iq", "amp", "amps"},
     "command": {
         "command", "commands", "cmd", "commanded", "goal", "target", "desired", "des", "ref", "reference", "setpoint",

@@ -21,6 +21,8 @@ from via_gap.logs.log import JointLog
 from via_gap.logs.noise import log_noise
 
 SMOOTHING = 0.02  # [s] standard deviation of the Gaussian
+# [SMOOTHING] where it ends. At 4 its second derivative of a constant 1 is -2 1/s^2, which becomes gravity; here -1e-10.
+REACH = 8.0
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,8 @@ class _Motion:
 
     def smooth(self, values: Array, order: int = 0) -> Array:
         """(N,) filtered values, or their derivative of that order."""
-        return np.asarray(gaussian_filter1d(values, SMOOTHING / self.period, order=order)) / self.period**order
+        smoothed = gaussian_filter1d(values, SMOOTHING / self.period, order=order, truncate=REACH)
+        return np.asarray(smoothed) / self.period**order
 
     @property
     def dynamics(self) -> tuple[Array, Array, Array]:
@@ -128,7 +131,7 @@ class _Motion:
     @property
     def inside(self) -> slice:
         """Samples that the ends of the log do not affect."""
-        edge = int(4.0 * SMOOTHING / self.period) + 1
+        edge = int(REACH * SMOOTHING / self.period) + 1
         return slice(edge, -edge)
 
 
