@@ -14,8 +14,8 @@ an impact that accelerates a link beyond the speed of its motor can still exceed
 
 Torques are constant between samples and may act a sample late. The distance x from the speed limit then obeys
 x(n+1) = x(n) - (step / T) x(n-1), which does not swing if T is at least four samples. T is therefore at least SLOWEST
-samples, each longer by the lag of the velocities, and 1 / k as well. Loads are those of the model: where a spring's
-torque is wrong by d, a motor at its limit exceeds it by T d / B.
+samples, and 1 / k as well. Loads are those of the model: where the torque of a spring is wrong by d, a motor at its
+limit exceeds it by T d / B.
 Source: exponential control barrier functions (Nguyen and Sreenath, ACC 2016), of relative degree one and two.
 """
 
@@ -100,7 +100,6 @@ class ArmLimits:
     drive_share: float = 0.5  # of the speed limit, above 0 up to 1
     speed_share: float = 0.95  # likewise
     deflection_share: float = 0.7  # of the springs' stops, above 0 up to 1
-    lag: float = 0.0  # [s] of the velocities in samples
 
     def __post_init__(self) -> None:
         shares = ("drive_share", "speed_share", "deflection_share")
@@ -137,7 +136,7 @@ class ArmLimits:
         tau_e, acceleration = self.arm.loads(sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
         motion = _Motion(sample.q, sample.q_velocity, acceleration, sample.theta, sample.theta_velocity, tau_e)
         out = np.array(torque, dtype=np.float64)
-        least = SLOWEST * (step + self.lag) if step > 0.0 else 0.0  # [s]
+        least = SLOWEST * step  # [s]
         rate = min(self.deflection_rate, 1.0 / least) if least > 0.0 else self.deflection_rate
         return out, LIMITS[_keep(out, motion, self._motors, max(self.speed_time, least), rate)]
 

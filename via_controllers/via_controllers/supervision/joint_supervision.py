@@ -57,9 +57,7 @@ class JointSupervisor:
         drive    share of their speed limit that the controller may use; with 1 none is left to follow a fast link
         """
         speed = max(drive, ArmLimits.speed_share)
-        limits = ArmLimits(
-            axes, drive_share=drive, speed_share=speed, deflection_share=REACH, lag=1.0 / cls.velocity_bandwidth
-        )
+        limits = ArmLimits(axes, drive_share=drive, speed_share=speed, deflection_share=REACH)
         return cls(Supervisor(OnAxes(controller, initial), HoldJoint(axes), limits))
 
     @property
