@@ -190,7 +190,9 @@ def test_a_joint_passes_all_its_states(graph):
     graph.until(lambda: len(bench.samples) > held + 200)
     assert bench.joint[held:, 0, 0] == pytest.approx(0.2, abs=0.02)
     assert bench.truth[-1] == pytest.approx(4.0, rel=0.05)
+    assert bench.commands[-1][2].any()
     bench.transition(Transition.TRANSITION_CLEANUP)
+    graph.until(lambda: not bench.commands[-1][2].any())  # the last command, before any watchdog
     stopped = bench.simulator.ticks
     bench.transition(Transition.TRANSITION_CONFIGURE)
     graph.until(lambda: bench.simulator.ticks > stopped)  # the sample without an answer is repeated
