@@ -126,6 +126,35 @@ def test_limits_get_the_speed_of_the_angles_while_velocities_repeat():
     assert not motion.corrected.q_velocity.any()
 
 
+@dataclass(frozen=True)
+class Pushes(ArmController[None]):
+    """As much torque as the motors have."""
+
+    quantities = ()
+
+    def init(self, sample):
+        return None
+
+    def observe(self, state):
+        return np.empty(0)
+
+    def step(self, state, sample):
+        return None, Torques(Arm.torque_limit, False)
+
+
+def test_motors_keep_their_speed_limit_while_velocities_repeat():
+    """Until the fault is found; with the measured velocities alone they would reach 10 rad/s by then."""
+    supervisor = Supervisor(Pushes(), Pushes(), ArmLimits(Arm()))
+    state, speed, theta, fastest = supervisor.init(), np.zeros(2), np.zeros(2), 0.0
+    for k in range(100):
+        sample = ArmSample(k * STEP, theta, np.zeros(2), theta, np.zeros(2), np.full(2, np.nan))
+        state, answer = supervisor.step(state, sample, True)
+        speed = speed + STEP * (answer.torque - Arm.motor_friction * speed) / Arm.motor_inertia
+        theta, fastest = theta + STEP * speed, max(fastest, float(speed[0]))
+    assert answer.fault == VELOCITIES
+    assert 4.0 < fastest < 7.0
+
+
 def test_right_velocities_are_not_corrected():
     step, motion = 1e-3, None
     for k in range(200):

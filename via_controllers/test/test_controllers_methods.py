@@ -65,7 +65,7 @@ def test_live_parameters_lead_to_the_controller_that_they_build(name):
         if isinstance(value, float | int | np.ndarray):
             np.testing.assert_allclose(tuned[place], value, rtol=1e-12, err_msg=place)
         else:
-            assert callable(tuned[place]) == callable(value), place
+            assert type(tuned[place]) is type(value), place
     robot = settings.build()
     assert supervisor.step(supervisor.init(), zero_sample(robot, 0.0), active=True)[1].activity is Activity.ACTIVE
 

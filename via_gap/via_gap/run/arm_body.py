@@ -40,7 +40,7 @@ class BodyError:
     name: ClassVar[str] = "body"
 
     def text(self) -> str:
-        """One sentence."""
+        """What differs, and how much of the missing torque it explains."""
         other = f" (or {', '.join(self.tied)})" if self.tied else ""
         return f"The body that {self.link} moves{other} is {self._error()}. {explains(self.explained)}"
 

@@ -61,7 +61,7 @@ class Gravity:
         return not self.absent and 2.0 * np.sin(0.5 * self.tilt) > abs(self.size - 1.0)
 
     def text(self) -> str:
-        """One sentence."""
+        """What differs, and how much of the missing torque it explains."""
         seen = ", ".join(f"{g:z.3f} ± {sd:.2g}" for g, sd in zip(self.gravity, self.gravity_sd, strict=True))
         stated = ", ".join(f"{each:z.3f}" for each in self.modelled)
         if self.absent:

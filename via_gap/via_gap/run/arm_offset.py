@@ -39,7 +39,7 @@ class AngleOffset:
     name: ClassVar[str] = "offset"
 
     def text(self) -> str:
-        """One sentence."""
+        """What differs, and how much of the missing torque it explains."""
         other = f" (or {', '.join(self.tied)})" if self.tied else ""
         size = f"{np.degrees(abs(self.offset)):.3g} ± {np.degrees(self.offset_sd):.2g} degrees"
         return (

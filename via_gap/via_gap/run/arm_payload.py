@@ -48,7 +48,7 @@ class Payload:
         return _point_mass(np.array([self.mass, *self.position]))
 
     def text(self) -> str:
-        """One sentence."""
+        """What differs, and how much of the missing torque it explains."""
         place = ", ".join(f"{a:z.3f} ± {b:.2g}" for a, b in zip(self.position, self.position_sd, strict=True))
         other = f" (or {', '.join(self.tied)})" if self.tied else ""
         what = "Payload" if self.mass > 0.0 else "Mass that is absent"
