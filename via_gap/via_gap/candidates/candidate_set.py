@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from via_core.devices import Device
 from via_core.signals import Indices
 
 from via_gap.candidates.fit import Fit
+from via_gap.candidates.intervals import best_interval
 from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
+from via_gap.candidates.starts import starts
 from via_gap.residual.inverse_dynamics import InverseDynamics, MissingTorque, missing_torque
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments
@@ -44,12 +46,13 @@ class CandidateSet:
         missing = tuple(missing_torque(each, numbers) for each in segments)
         shares = localise(segments, missing, numbers)
         seen = [i for i, which in enumerate(train) if len(which)]
-        begins = [segments[i].time[train[i]] - segments[i].log.measured.time[0] for i in seen]
-        scales = scales_of(
-            [segments[i] for i in seen], [missing[i] for i in seen], np.concatenate(begins),
-            fitted.per_segment(base.residual),
-        )  # fmt: skip
+        scales = scales_of([segments[i] for i in seen], [missing[i] for i in seen])
         found = locations(fitted.device, segments[0].log)
         kept = tuple(location for location in found if len(segments) == 1 or not location.kind.one_run)
+        begins = np.concatenate([segments[i].time[train[i]] - segments[i].log.measured.time[0] for i in seen])
+        for each in kept:
+            if each.kind.one_run:
+                always = each.effect(starts(each, scales, fitted.device)[-1].directions[0])
+                scales = replace(scales, busy=best_interval(fitted, base, always, begins))
         equations = ResidualModel.of(segments, train, InverseDynamics.of) if all(missing) else None
         return CandidateSet(kept, scales, numbers, missing, shares, equations)

@@ -38,7 +38,7 @@ class Scales:
     deflection  [rad] standard deviation of the deflection
     stretch     [rad] its root mean square, which is larger under pretension
     duration    [s]
-    busy        intervals [s] that contain most of the residual
+    busy        intervals [s] in which an effect that begins and ends explains most
     gravity     [N m] largest gravity torque of the device file at the end of its tolerance; infinite without one
     friction    (3,) [N m] dry friction of the device file at link, motor 1, motor 2
     orders      per axis: the strongest orders [periods per turn] of its missing torque
@@ -61,10 +61,8 @@ class Scales:
     orders: tuple[tuple[float, ...], ...]
 
 
-def scales_of(
-    segments: Sequence[Segments], missing: Sequence[MissingTorque | None], time: Array, excess: Array
-) -> Scales:
-    """time, excess (S,): beginnings of segments [s since their log began] and their mean squared residuals."""
+def scales_of(segments: Sequence[Segments], missing: Sequence[MissingTorque | None]) -> Scales:
+    """Sizes over some logs with the missing torque of each; `busy` is not known yet."""
     device = segments[0].log.device
     start = np.concatenate([each.start for each in segments])
     commands = np.concatenate([each.commands for each in segments])
@@ -106,7 +104,7 @@ def scales_of(
     return Scales(
         torque, _largest(missing), speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
         np.quantile(q, [0.02, 0.1, 0.9, 0.98]), travel, max(deflection, 1e-3), max(stretch, 1e-3),
-        max(each.log.duration for each in segments), _busiest(time, excess), gravity if gravity > 0.0 else np.inf,
+        max(each.log.duration for each in segments), (), gravity if gravity > 0.0 else np.inf,
         segments[0].nominal[P.kinetic_friction : P.kinetic_friction + 3], tuple(orders),
     )  # fmt: skip
 
@@ -134,24 +132,6 @@ def _first_step(segments: Segments) -> float:
     """[rad] from the initial angle of motor 1 to its first command."""
     step = abs(float(segments.commands[0, 0] - segments.rest[1]))
     return step if np.isfinite(step) else 0.0
-
-
-def _busiest(time: Array, excess: Array) -> tuple[tuple[float, float], ...]:
-    """The interval [s] with the largest sum of log errors above a level between median and maximum, if there is one."""
-    if len(time) < 4:
-        return ()
-    order = np.argsort(time)
-    at, height = time[order], np.log1p(excess[order])
-    level = height - 0.5 * (np.median(height) + np.max(height))
-    best, low, high, total, begin = -np.inf, 0, len(at) - 1, 0.0, 0
-    for i, value in enumerate(level):
-        if total <= 0.0:
-            total, begin = 0.0, i
-        total += value
-        if total > best:
-            best, low, high = total, begin, i
-    step = float(np.median(np.diff(at)))
-    return ((max(float(at[low]), 0.0), float(at[high]) + step),)
 
 
 def _orders(segments: Sequence[Segments], missing: Sequence[MissingTorque | None], axis: int) -> tuple[float, ...]:

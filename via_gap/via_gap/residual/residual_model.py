@@ -124,10 +124,14 @@ class ResidualModel:
         If robust, a segment whose mean square z^2 exceeds that of noise has 1 + 2 log((1 + z^2) / 2) per value. With
         squares, segments that no model explains would dominate.
         """
+        return np.asarray(self.losses(residual).sum(axis=-1))
+
+    def losses(self, residual: Array) -> Array:
+        """(..., S) loss of each segment of residuals (..., R)."""
         squares = self.per_segment(residual)
         if self.robust:
             squares = np.where(squares > 1.0, 1.0 + 2.0 * np.log(0.5 + 0.5 * np.maximum(squares, 1.0)), squares)
-        return np.asarray(squares @ self._counts)
+        return np.asarray(squares * self._counts)
 
     def weights(self, residual: Array) -> Array:
         """(R,) weights of iteratively reweighted least squares at a residual (R,).

@@ -45,7 +45,7 @@ class Typical:
     deflection     [rad] standard deviation of the deflection of a spring
     stretch        [rad] its root mean square, which is larger under pretension
     duration       [s]
-    busy           intervals [s] that contain most of the residual
+    busy           intervals [s] in which an effect that begins and ends explains most
     orders         strongest orders [periods per turn] of the missing torque of the axis
     """
 

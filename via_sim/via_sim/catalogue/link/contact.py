@@ -8,16 +8,23 @@ from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot, Spot, Val
 from via_sim.catalogue.starts import Typical, grid
 
 
+HARDER = (1.0, 10.0, 100.0)  # times a wall that yields to the typical torque by half the typical motion
+
+
 def _write(_spot: Spot, value: Values) -> None:
     if abs(value["side"]) != 1.0:
         raise ParameterError(f"side must be -1 or 1, got {value['side']}")
 
 
 def _starts(here: Typical) -> list[dict[str, float]]:
-    stiffness = 2.0 * here.torque / here.angle
+    soft = 2.0 * here.torque / here.angle
     low, tenth, ninetieth, high = (float(each) for each in here.range)
     walls = ((high, 1.0), (ninetieth, 1.0), (tenth, -1.0), (low, -1.0))
-    return [{"angle": angle, "stiffness": stiffness, "damping": 0.0, "side": side} for angle, side in walls]
+    return [
+        {"angle": angle, "stiffness": times * soft, "damping": 0.0, "side": side}
+        for times in HARDER
+        for angle, side in walls
+    ]
 
 
 KIND = EffectKind(
