@@ -104,7 +104,7 @@ def remainder(report: GapReport) -> str:
     if report.explained >= NUMBERS.complete:
         said = (
             f"An error of {percent(gap.after)} remains, where sensor noise alone gives {percent(gap.floor)}. A "
-            "flexible torque model explains no more of it: it does not repeat with the motion."
+            "flexible torque model, fitted to the same motion, explains no more of it."
         )
     else:
         said = (

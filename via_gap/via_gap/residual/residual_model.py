@@ -44,13 +44,15 @@ STEP = 0.01  # relative finite-difference step of a nuisance parameter
 class ResidualModel:
     """Residual of several logs of one device under any parameter row; one view (rollout or equation) per log.
 
-    robust  whether the loss of a segment with mean square z^2 is logarithmic above the noise, or z^2
+    robust      whether the loss of a segment with mean square z^2 is logarithmic above the noise, or z^2
+    importance  (S,) factor of the loss of each segment; None: 1
     """
 
     views: tuple[View, ...]
     plant: JointPlant  # nominal
     nuisances: tuple[Nuisance, ...]
     robust: bool = False
+    importance: Array | None = None
 
     @staticmethod
     def of(
@@ -131,7 +133,7 @@ class ResidualModel:
         squares = self.per_segment(residual)
         if self.robust:
             squares = np.where(squares > 1.0, 1.0 + 2.0 * np.log(0.5 + 0.5 * np.maximum(squares, 1.0)), squares)
-        return np.asarray(squares * self._counts)
+        return np.asarray(squares * self._amounts)
 
     def weights(self, residual: Array) -> Array:
         """(R,) weights of iteratively reweighted least squares at a residual (R,).
@@ -140,7 +142,7 @@ class ResidualModel:
         those of a segment with gaps are larger by it. The weighted squares are an upper bound of the loss that is tight
         at `residual`, so that a step that lowers them lowers the loss.
         """
-        slopes = self._counts / self._sizes
+        slopes = self._amounts / self._sizes
         if self.robust:
             slopes = slopes * np.minimum(2.0 / (1.0 + self.per_segment(residual)), 1.0)
         return np.asarray(np.sqrt(slopes)[self.segment_of_value()])
@@ -213,6 +215,11 @@ class ResidualModel:
     def _counts(self) -> Indices:
         """(S,) number of values of each segment that were measured."""
         return np.concatenate([_measured(view) for view in self.views])
+
+    @property
+    def _amounts(self) -> Array:
+        """(S,) what the mean square of each segment counts in the loss."""
+        return np.asarray(self._counts if self.importance is None else self._counts * self.importance)
 
     @property
     def measured(self) -> int:

@@ -62,8 +62,9 @@ class Gap(Record):
 def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
     """The decision, with the chosen model fitted to convergence, and its gap.
 
-    A model that its final fit does not confirm is withdrawn, and the others decide. Nothing is named if the held-out
-    gap of the repair is not below that of the fitted device parameters alone.
+    A model that its final fit does not confirm is withdrawn, and the others decide. Nothing is named if the repair of
+    one half of the motion does not hold in the other, or its held-out gap is not below that of the fitted device
+    parameters alone.
     """
     experiment = comparison.experiment
     achievable = Achievable(experiment)
@@ -79,11 +80,16 @@ def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
         models = others
     decision = by_contribution(decision, fewer)
     if decision.verdict == "main_effect":
-        decision = replace(decision, transfer=transferred(decision.chosen, experiment, scales))
+        elsewhere = transferred(decision.chosen, experiment, scales)
+        if by := elsewhere.refuted_by:
+            decision = decision.refuted(experiment.tuned, f"what explains one half of the motion, divided by {by}, does "
+            "not explain the other")
+        decision = replace(decision, transfer=elsewhere.shares if decision.named else {})
     gap = measured_gap(experiment, decision.chosen, achievable)
     if not decision.named or gap.after < gap.tuned:
         return decision, gap
-    return decision.refuted(experiment.tuned), measured_gap(experiment, experiment.tuned, achievable)
+    why = "the effects that explain the fitted recordings do not reduce the error of the held-out ones"
+    return decision.refuted(experiment.tuned, why), measured_gap(experiment, experiment.tuned, achievable)
 
 
 def measured_gap(experiment: Experiment, chosen: Evaluation, achievable: Achievable) -> Gap:

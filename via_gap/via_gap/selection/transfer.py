@@ -2,66 +2,82 @@
 
 Held-out blocks contain the same kinds of motion as fitted ones. A wrong effect that resembles the true one explains
 them with parameters that balance slow and fast, small and large motion; fitted to slow motion alone, it fails on fast
-motion. The right effect has the same parameters everywhere, also beside small effects that are not in the catalogue.
+motion. The right effect has the same parameters everywhere, also beside small effects that are not in the catalogue. An
+effect that explains hardly anything in the other half is no cause.
 
-Halves are those below and above the median of a quantity of the segments. A tenth of the other half is fitted as well,
-so that parameters keep their values where one half alone does not show them (a wall, a limit); and so are segments in
-which an effect begins or ends.
+Halves are those below and above the median of a quantity of the segments. The loss of the other half counts a tenth in
+the fit, so that parameters keep their values where one half alone does not show them: a wall, a limit, a beginning.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from via_core.signals import Mask
+from dataclasses import dataclass, replace
 
-from via_gap.candidates.fit import event_times
+import numpy as np
+from via_core.signals import Array
+
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.refinement import Budget, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.quantities import quantities
-from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
+from via_gap.selection.numbers import NUMBERS
+from via_gap.selection.verdict import fractions
 
-EVERY = 10  # of the other half, one segment of so many is fitted as well
+OTHER = 0.1  # share with which the loss of the other half counts
 REFITS = Budget(rounds=4)  # from the fit to all segments to the fit to half of them
 
 
-def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> dict[str, float]:
-    """Squared error that a model leaves in each half when fitted to the other, relative to the tuned device.
+@dataclass(frozen=True, eq=False)
+class Transfer:
+    """Errors of the tuned device, and of a model in the half of the motion to which it was not fitted, by what divides it.
 
-    By the quantity that divides the halves. Whole runs are not divided: empty.
+    Whole runs are not divided: `left` is empty.
     """
-    if experiment.folds is not None or not chosen.fit.effects:
-        return {}
+
+    before: Evaluation
+    left: dict[str, Evaluation]
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Squared error that is left, relative to the tuned device."""
+        before = max(self.before.mean_square, 1e-12)
+        return {name: each.mean_square / before for name, each in self.left.items()}
+
+    @property
+    def refuted_by(self) -> str:
+        """The quantity by which one half of the motion says nothing of the other; empty if there is none.
+
+        There the model explains less of the error above the noise than a named cause has to.
+        """
+        explained = {name: max(fractions(self.before, each)) for name, each in self.left.items()}
+        worst = min(explained, key=lambda name: explained[name], default="")
+        return worst if worst and explained[worst] < NUMBERS.substantial else ""
+
+
+def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> Transfer:
+    """What a model leaves in each half of the motion when fitted to the other."""
+    tuned = experiment.tuned
     problem = experiment.everywhere()
-    tuned = experiment.tuned.fit
-    before = problem.per_segment(problem.residual([problem.row(tuned.effects, tuned.offsets)])[0])
+
+    def errors(fit: Fit) -> Array:
+        return problem.per_segment(problem.residual([problem.row(fit.effects, fit.offsets)])[0])
+
+    def evaluation(fit: Fit, squares: Array) -> Evaluation:
+        return Evaluation(fit, squares, squares, tuned.block)
+
+    before, found = evaluation(tuned.fit, errors(tuned.fit)), {}
+    if experiment.folds is not None or not chosen.fit.effects:
+        return Transfer(before, found)
     whole = refine(problem, chosen.fit, chosen.fit.members, scales, REFITS) or chosen.fit
-    times = np.array([event_times(whole)] * 2)
-    events = np.concatenate(
-        [np.isin(np.arange(len(v.chosen)), at) for v, at in zip(problem.views, problem.touched(times), strict=True)]
-    )
-    found = {}
     for name, values in quantities(problem.views).items():
         low = values < np.median(values)
         if not np.any(low):  # most segments are alike, such as those of a joint that rests
             continue
-        left = np.full(len(before), np.nan)
+        sides = []
         for half in (low, ~low):
-            kept = half | events | _every(~half)
-            fit = refine(_part(problem, kept), whole, whole.members, scales, REFITS) or whole
-            rest = _part(problem, ~half)
-            left[~half] = rest.per_segment(rest.residual([rest.row(fit.effects, fit.offsets)])[0])
-        found[name] = float(np.mean(left) / max(np.mean(before), 1e-12))
-    return found
-
-
-def _every(half: Mask) -> Mask:
-    """Every tenth of some segments."""
-    return np.asarray(half & (np.cumsum(half) % EVERY == 0))
-
-
-def _part(problem: ResidualModel, kept: Mask) -> ResidualModel:
-    """The model of some segments; kept: (S,) over all views."""
-    ends = np.cumsum([len(view.chosen) for view in problem.views])[:-1]
-    return problem.part([np.flatnonzero(each) for each in np.split(kept, ends)])[0]
+            weighted = replace(problem, importance=np.where(half, 1.0, OTHER))
+            sides.append(errors(refine(weighted, whole, whole.members, scales, REFITS) or whole))
+        found[name] = evaluation(whole, np.where(low, sides[1], sides[0]))
+    return Transfer(before, found)

@@ -89,9 +89,8 @@ class Decision:
             return 1.0
         return gains[self.named.index(location)] / float(np.mean(gains))
 
-    def refuted(self, tuned: Evaluation) -> Decision:
-        """The decision that names nothing, because the repair does not reduce the held-out gap."""
-        why = "the effects that explain the fitted recordings do not reduce the error of the held-out ones"
+    def refuted(self, tuned: Evaluation, why: str) -> Decision:
+        """The decision that names nothing."""
         return replace(
             self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=why, without=(), transfer={}
         )
