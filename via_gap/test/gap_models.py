@@ -55,6 +55,5 @@ def scales() -> Scales:
     """Typical sizes in a log of a flexible joint."""
     log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
     segments = cut_log(log)
-    every = np.arange(len(segments))
-    found = scales_of([segments], [missing_torque(segments, log.device)], segments.time[every], np.ones(len(segments)))
+    found = scales_of([segments], [missing_torque(segments, log.device)])
     return replace(found, missing=np.full(3, np.inf))  # the log has no effect, the fits that are tested have

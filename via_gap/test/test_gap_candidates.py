@@ -46,7 +46,7 @@ def fitted(device: Device, effect: Effect, duration: float) -> tuple[ResidualMod
     segments = cut_log(log_of(device, (effect,), seed=7, duration=duration, tolerance=0.0))
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base, jacobian = based(problem)
-    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
+    scales = scales_of([segments], [None])
     return problem, base, jacobian, scales
 
 
@@ -98,7 +98,7 @@ def test_a_second_cause_shows_once_the_first_gives_way():
     segments = cut_log(log_of(flexible(), (wall, offset), seed=8, duration=6.0, tolerance=0.0))
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base, jacobian = based(problem)
-    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
+    scales = scales_of([segments], [None])
     members = [(Location("contact", "environment", 0), [*wall.parameters.values()])]
     first = refine(problem, base, members, scales, jacobian=jacobian)
     beside = problem.nuisance_jacobian(first.effects, first.offsets, first.residual)
@@ -115,7 +115,7 @@ def test_pairs_that_are_asked_for_one_by_one_come_in_the_order_of_all():
     problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
     base = fit_device_parameters(problem)
     jacobian = problem.nuisance_jacobian((), base.offsets, base.residual)
-    scales = scales_of([segments], [None], segments.time[segments.valid], problem.per_segment(base.residual))
+    scales = scales_of([segments], [None])
     tried = directions(problem, base, locations(problem.device, log), scales)
     assert len({each.moved.shape[1] for each in tried}) > 1
     screen = _Screen.of(base, jacobian, tried)
@@ -219,7 +219,7 @@ def test_a_few_segments_that_nothing_explains_do_not_move_a_fit():
     segments = cut_log(disturbed)
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base = fit_device_parameters(problem)
-    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
+    scales = scales_of([segments], [None])
     place = Location("coulomb_friction", "motor", 1)
     plain = refine(problem, base, [(place, [0.02])], scales)
     fit = refine(replace(problem, robust=True), plain, [(place, plain.values)], scales)
@@ -262,7 +262,7 @@ def test_a_hardening_begins_at_a_tenth_of_the_torque_of_a_spring_under_pretensio
     segments = cut_log(antagonistic_log((planted,)))
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base, jacobian = based(problem)
-    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
+    scales = scales_of([segments], [None])
     deflection = segments.start[:, 0] - segments.start[:, 1]
     assert scales.stretch == pytest.approx(np.sqrt(np.mean(deflection**2)), rel=1e-6)
     assert scales.stretch > 2.0 * scales.deflection

@@ -92,7 +92,7 @@ def test_a_spring_law_beside_a_wrong_spring_is_known_to_the_tolerance_of_the_spr
     offsets = np.where(of_spring, BOUND, 0.0)
     residual = problem.residual([problem.row((), offsets)])[0]
     base = Fit((), offsets, float(residual @ residual), residual, np.empty((0, 0)))
-    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(residual))
+    scales = scales_of([segments], [None])
     fit = refine(problem, base, [(Location.of(planted), (1.1, 0.5))], scales)
     assert fit is not None and fit.offsets[of_spring] == [0.0]
     scale, sd = fit.values[0], fit.sd[0]

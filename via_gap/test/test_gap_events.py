@@ -1,10 +1,12 @@
 """What begins and ends at times of a run: each is seen in one segment, which is fitted, and all others say the rest."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
+from gap_models import PAYLOAD, evaluated
 from via_gap.candidates.fit import Axes
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.refinement import TIME_STEPS
@@ -12,6 +14,7 @@ from via_gap.candidates.scales import Scales, scales_of
 from via_gap.diagnosis import diagnose
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
+from via_gap.selection.experiment import Experiment
 from via_gap.selection.holdout import lopsided, one_sided, split, split_finely
 from via_sim.effects import Effect
 
@@ -65,7 +68,7 @@ def test_a_push_beside_friction_is_named_though_all_its_edges_were_held_out(monk
 def pushed() -> tuple[ResidualModel, Scales]:
     segments = cut_log(log_of(rigid(), (FRICTION, PUSH), seed=33))
     problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
-    scales = scales_of([segments], [None], segments.time[segments.valid], np.ones(int(segments.valid.sum())))
+    scales = scales_of([segments], [None])
     return problem, scales
 
 
@@ -113,3 +116,17 @@ def test_errors_on_one_side_show_that_a_motion_repeats_with_the_blocks():
     shared[[2, 9]] = 500.0
     assert not lopsided(wall, shared)
     assert not lopsided(wall[:1], held_out)
+
+
+def test_a_model_is_lopsided_by_its_errors_on_all_segments():
+    """One that begins too late, because its beginning was held out, may be worse than none on held-out segments."""
+    quiet, push = np.full(20, 2.0), np.where(np.arange(20) < 6, 9e4, 2.0)
+    tuned = replace(evaluated(push), fitted=push)
+    late = replace(evaluated(1.1 * push, PAYLOAD), fitted=quiet)
+    useless = replace(evaluated(1.1 * push, PAYLOAD), fitted=1.1 * push)
+    harmful = replace(evaluated(quiet, PAYLOAD), fitted=push**2)
+    here = SimpleNamespace(train=[np.arange(20)], held=[np.arange(20, 40)], tuned=tuned)
+    assert late.score > tuned.score and Experiment.lopsided(here, [useless, late])
+    assert not Experiment.lopsided(here, [useless, harmful])
+    here.train, here.held = [np.arange(40), np.arange(0)], [np.arange(0), np.arange(40)]  # whole logs
+    assert not Experiment.lopsided(here, [late])

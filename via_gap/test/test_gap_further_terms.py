@@ -40,7 +40,7 @@ def sticking(planted: tuple[tuple[str, float], ...]) -> tuple[ResidualModel, Sca
     measured = simulate(plant, commands, 24.0, device.sensors.rate, Sensors.of_device(device), start).measured
     segments = cut_log(JointLog("sticking", device, measured.select(["q"]), commands))
     model = ResidualModel.of([segments], [np.arange(len(segments))], robust=True)
-    scales = scales_of([segments], [None], segments.time, np.ones(len(segments)))
+    scales = scales_of([segments], [None])
     none = Fit((), np.zeros(len(model.nuisances)), 0.0, np.empty(0), np.empty((0, 0)))
     simple = refine(model, none, [(LOADED, [0.2])], scales, FINISHING)
     assert simple is not None

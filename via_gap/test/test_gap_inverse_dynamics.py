@@ -12,7 +12,6 @@ from scipy.signal import lfilter
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals
 from via_gap.candidates.bounds import bounds_of
-from via_gap.candidates.fit import fit_device_parameters
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
 from via_gap.logs.log import JointLog
@@ -287,10 +286,7 @@ def test_noise_of_the_speed_at_rest_is_not_taken_for_motion():
 
 def test_dry_friction_may_be_larger_than_all_other_torque_on_a_link():
     log = stop_and_go(1e-5)
-    segments = cut_log(log)
-    problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
-    base = fit_device_parameters(problem)
-    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
+    scales = scales_of([cut_log(log)], [None])
     assert scales.torque[0] == pytest.approx(np.std(log.commands["external_torque"]), rel=0.01)
     _, high = bounds_of(Location("coulomb_friction", "link", 0), scales)
     assert high[0] > 2.0 * MUCH.parameters["torque"]

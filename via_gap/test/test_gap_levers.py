@@ -35,7 +35,7 @@ def test_derivatives_are_those_of_finite_differences():
 def test_a_start_reaches_every_pair_of_weight_and_inertia_between_its_directions():
     log = log_of(rigid(), (), seed=3, duration=5.0)
     segments = cut_log(log)
-    scales = scales_of([segments], [None], segments.time, np.ones(len(segments)))
+    scales = scales_of([segments], [None])
     (start,) = starts(PAYLOAD, scales, log.device)
     near, far = (each["distance"] for each in start.directions)
     assert near < 0.05 < 0.5 < far
@@ -52,7 +52,7 @@ def test_an_upright_axis_shows_the_inertia_of_a_payload_alone():
     log = log_of(device, (Effect("payload", "link", {"mass": 0.3, "distance": 0.3}),), seed=3, duration=10.0)
     segments = cut_log(log)
     model = ResidualModel.of([segments], [np.flatnonzero(segments.valid)], robust=True)
-    scales = scales_of([segments], [None], segments.time, np.ones(len(segments)))
+    scales = scales_of([segments], [None])
     found = refine(model, fit_device_parameters(model), [(PAYLOAD, [0.2, 0.2])], scales)
     assert found is not None
     best = converged(model, found, scales)
@@ -74,7 +74,7 @@ def test_the_most_likely_pair_is_found_from_both_ends_of_the_valley(begin):
     log = log_of(rigid(), (Effect("payload", "link", {"mass": 0.3, "distance": 0.2}),), seed=3, duration=10.0)
     segments = cut_log(log)
     model = ResidualModel.of([segments], [np.flatnonzero(segments.valid)], robust=True)
-    scales = scales_of([segments], [None], segments.time, np.ones(len(segments)))
+    scales = scales_of([segments], [None])
     found = refine(model, fit_device_parameters(model), [(PAYLOAD, begin)], scales)
     assert found is not None
     best = converged(model, found, scales)

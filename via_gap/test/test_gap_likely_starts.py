@@ -52,7 +52,7 @@ def slow():
     segments = cut_log(log)
     every = np.flatnonzero(segments.valid)
     problem = ResidualModel.of([segments], [every])
-    scales = scales_of([segments], [missing_torque(segments, log.device)], segments.time[every], np.ones(len(every)))
+    scales = scales_of([segments], [missing_torque(segments, log.device)])
     return problem, scales
 
 

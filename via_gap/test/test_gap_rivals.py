@@ -22,7 +22,7 @@ def test_each_effect_is_replaced_by_the_best_others_that_were_not_tried_beside_t
     log = log_of(rigid(), planted, seed=3, duration=10.0)
     segments = cut_log(log)
     model = ResidualModel.of([segments], [np.flatnonzero(segments.valid)], robust=True)
-    scales = scales_of([segments], [None], segments.time, np.ones(len(segments)))
+    scales = scales_of([segments], [None])
     tuned = fit_device_parameters(model)
 
     def of(*members: tuple[Location, list[float]]) -> Evaluation:

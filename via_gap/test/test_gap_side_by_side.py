@@ -24,7 +24,7 @@ def problem():
     segments = cut_log(log_of(flexible(), (PLANTED,), seed=3, duration=4.0, tolerance=0.0))
     model = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base = fit_device_parameters(model)
-    scales = scales_of([segments], [None], segments.time[1:], model.per_segment(base.residual))
+    scales = scales_of([segments], [None])
     return model, [(base, [start]) for start in STARTS], scales
 
 

@@ -1,5 +1,7 @@
 """What a search looks at: some segments stand for all, those with the largest errors among them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, servo
@@ -23,6 +25,21 @@ def test_a_part_leaves_what_the_whole_leaves_of_the_same_shots(problem):
     part, indices = problem.part([np.array([0, 7, 8, 9, 40])])
     assert np.max(np.abs(part.residual(rows) - problem.residual(rows)[:, indices])) < 1e-6
     assert part.size == len(indices) == 5 * problem.views[0].size
+
+
+def test_the_importance_of_segments_weighs_their_loss_and_follows_them_into_a_part(problem):
+    both = ResidualModel.of([problem.views[0].segments] * 2, [np.arange(50), np.arange(60)], robust=True)
+    importance = np.linspace(0.1, 2.0, 110)
+    weighted = replace(both, importance=importance)
+    residual = both.residual([both.row([FRICTION])])[0]
+    assert np.allclose(weighted.losses(residual), importance * both.losses(residual))
+    assert weighted.loss(residual) == pytest.approx(importance @ both.losses(residual))
+    squared = (weighted.weights(residual) / both.weights(residual)) ** 2
+    assert np.allclose(squared, importance[both.segment_of_value()])
+    kept = [np.array([3, 20]), np.array([0, 7, 59])]
+    part, indices = weighted.part(kept)
+    assert np.array_equal(part.importance, importance[[3, 20, 50, 57, 109]])
+    assert np.allclose(part.losses(residual[indices]), weighted.losses(residual)[[3, 20, 50, 57, 109]])
 
 
 def test_shots_in_one_call_are_those_of_calls_of_their_own(problem):

@@ -34,7 +34,8 @@ def best_interval(model: ResidualModel, base: Fit, effect: Effect, begins: Array
     owner, order = model.segment_of_value(), np.argsort(begins)
     squares = np.bincount(owner, change**2)
     amounts = -np.bincount(owner, change * base.residual)[squares > 0.0] / squares[squares > 0.0]
-    before, best, found = model.losses(base.residual), 0.0, ()
+    before, best = model.losses(base.residual), 0.0
+    found: tuple[Interval, ...] = ()
     for amount in amounts:
         gains = (before - model.losses(base.residual + amount * change))[order]
         total, first, last = largest_sum(gains)

@@ -166,7 +166,12 @@ class ResidualModel:
         """Model of some segments of each view, by their indices into `chosen`, and indices of its values in (R,)."""
         places = zip(self.by_view(np.arange(self.size)), kept, strict=True)
         views = tuple(b.part(which) for b, which in zip(self.views, kept, strict=True) if len(which))
-        return replace(self, views=views), np.concatenate([each[which].ravel() for each, which in places])
+        own = self.importance
+        if own is not None:
+            before = np.cumsum([0, *(len(view.chosen) for view in self.views)])
+            own = own[np.concatenate([first + which for first, which in zip(before, kept, strict=False)])]
+        found = np.concatenate([each[which].ravel() for each, which in places])
+        return replace(self, views=views, importance=own), found
 
     def touched(self, spans: Array) -> list[Indices]:
         """Of each view, indices into `chosen` of the segments in any of the spans (2, n) [s since the run began]."""

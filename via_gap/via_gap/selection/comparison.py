@@ -7,9 +7,8 @@ interpolated commands. Beside an unfinished model, the unknown times of jumps wo
 Blocks of a log mislead where a motion repeats with them: a wall that only fitted blocks touch improves no held-out
 block. If a model leaves an error on one side alone, the search is repeated with finely alternating segments.
 
-An effect that begins or ends at one time of a run is visible only in the segments around it, and a model fitted without
-those is wrong about what is held out. If the best model has such times, or one that has them is better once they are
-fitted on all segments, the search is repeated with those segments among the fitted ones.
+An effect that begins or ends at one time of a run is visible only in the segments around it. If the best model has such
+times, they are fitted on all segments, and the search is repeated with those segments among the fitted ones.
 """
 
 from __future__ import annotations
@@ -20,10 +19,9 @@ from functools import partial
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import Fit, event_times
-from via_gap.candidates.refinement import FINISHING, fit_on, refine
-from via_gap.residual.residual_model import ResidualModel
+from via_gap.candidates.refinement import FINISHING, refine
 from via_gap.selection.between import with_interpolation
-from via_gap.selection.evidence import Evaluation, evaluate, outdone_by, predicts, significantly_worse, vetoed
+from via_gap.selection.evidence import Evaluation, predicts, vetoed
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.plausibility import doubt
 from via_gap.selection.search import Progress, Search
@@ -67,29 +65,17 @@ def compare_models(experiment: Experiment, candidates: CandidateSet, progress: P
         experiment = experiment.around(())
         candidates = candidates_of(experiment)
         models = _searched(experiment, candidates, progress)
-    timed = [each for each in models if event_times(each.fit)]
-    if experiment.folds is not None or not timed:
+    best = min(models, key=lambda each: each.score, default=experiment.tuned)
+    if experiment.folds is not None or not event_times(best.fit):
         return ModelComparison(experiment, candidates, models)
-    best, event = min(models, key=lambda each: each.score), min(timed, key=lambda each: each.fit.loss)
-    event = best if event_times(best.fit) else event
     everywhere = experiment.everywhere()
-    sought = refine(everywhere, event.fit, event.fit.members, candidates.scales, FINISHING)
-    if event is not best and not _better(everywhere, sought, best.fit):
-        return ModelComparison(experiment, candidates, models)
-    times = event_times(sought or event.fit)
+    sought = refine(everywhere, best.fit, best.fit.members, candidates.scales, FINISHING)
+    times = event_times(sought or best.fit)
     scales = candidates.scales
     if len(times) == 2:  # an initial value that the fitted segments alone might not provide
         scales = replace(scales, busy=((times[0], times[1]), *scales.busy))
     experiment, candidates = experiment.around(times), replace(candidates, scales=scales)
     return ModelComparison(experiment, candidates, _searched(experiment, candidates, progress))
-
-
-def _better(model: ResidualModel, one: Fit | None, other: Fit) -> bool:
-    """Whether `one` is significantly better than `other` on the segments of `model`, or explains rare errors there."""
-    if one is None:
-        return False
-    new, old = evaluate(model, [one, fit_on(model, other)])
-    return significantly_worse(old, new) or outdone_by(old, new)
 
 
 def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progress) -> list[Evaluation]:

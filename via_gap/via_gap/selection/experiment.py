@@ -109,11 +109,13 @@ class Experiment:
     def lopsided(self, models: Sequence[Evaluation]) -> bool:
         """Whether one of the useful models leaves errors in the fitted or in the held-out blocks alone.
 
-        Then a motion repeats with the blocks, and held-out errors say nothing about it. Held-out whole logs stay so.
+        Then a motion repeats with the blocks, or one block hides when something began, and held-out errors say nothing
+        about it: useful is what improves all segments. Held-out whole logs stay so.
         """
         if not any(len(a) and len(b) for a, b in zip(self.train, self.held, strict=True)):
             return False
-        return any(lopsided(each.fitted, each.segments) for each in models if each.score < self.tuned.score)
+        before = self.tuned.on_all.score
+        return any(lopsided(each.fitted, each.segments) for each in models if each.on_all.score < before)
 
     def in_lines(self, late: float) -> Experiment:
         """The same with commands interpolated linearly between samples, delayed by `late` [s]."""

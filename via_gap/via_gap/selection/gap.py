@@ -82,8 +82,8 @@ def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
     if decision.verdict == "main_effect":
         elsewhere = transferred(decision.chosen, experiment, scales)
         if by := elsewhere.refuted_by:
-            decision = decision.refuted(experiment.tuned, f"what explains one half of the motion, divided by {by}, does "
-            "not explain the other")
+            why = f"what explains one half of the motion, divided by {by}, does not explain the other"
+            decision = decision.refuted(experiment.tuned, why)
         decision = replace(decision, transfer=elsewhere.shares if decision.named else {})
     gap = measured_gap(experiment, decision.chosen, achievable)
     if not decision.named or gap.after < gap.tuned:

@@ -31,7 +31,7 @@ REFITS = Budget(rounds=4)  # from the fit to all segments to the fit to half of 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """Errors of the tuned device, and of a model in the half of the motion to which it was not fitted, by what divides it.
+    """Errors of the tuned device, and of a model in the half of the motion to which it was not fitted: by its quantity.
 
     Whole runs are not divided: `left` is empty.
     """
@@ -67,7 +67,8 @@ def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> T
     def evaluation(fit: Fit, squares: Array) -> Evaluation:
         return Evaluation(fit, squares, squares, tuned.block)
 
-    before, found = evaluation(tuned.fit, errors(tuned.fit)), {}
+    before = evaluation(tuned.fit, errors(tuned.fit))
+    found: dict[str, Evaluation] = {}
     if experiment.folds is not None or not chosen.fit.effects:
         return Transfer(before, found)
     whole = refine(problem, chosen.fit, chosen.fit.members, scales, REFITS) or chosen.fit

@@ -98,13 +98,7 @@ def by_via(log: JointLog) -> Array:
     segments = cut_log(log)
     problem = _problem(segments)
     base = fit_device_parameters(problem)
-    every = np.flatnonzero(segments.valid)
-    scales = scales_of(
-        [segments],
-        [missing_torque(segments, segments.log.device)],
-        segments.time[every],
-        problem.per_segment(base.residual),
-    )
+    scales = scales_of([segments], [missing_torque(segments, segments.log.device)])
     fit = refine(problem, base, replace(base, effects=tuple(_effects(np.array(START)))).members, scales)
     assert fit is not None
     dry, viscous = fit.effects

@@ -7,7 +7,6 @@ from via_core.errors import ParameterError
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot, Spot, Values
 from via_sim.catalogue.starts import Typical, grid
 
-
 HARDER = (1.0, 10.0, 100.0)  # times a wall that yields to the typical torque by half the typical motion
 
 
