@@ -1,4 +1,4 @@
-"""A killed controller process leaves the arm or joint passive within 20 ms."""
+"""A killed controller process leaves the arm or joint passive within 20 ms; one that is ended says so itself."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from via_bringup.demo.reference import ARM, EQUILIBRIUM
-from via_interfaces.msg import ControlState
+from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
 from via_ros.conversions import nanoseconds
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
@@ -60,3 +60,24 @@ def test_a_killed_controller_leaves_its_motors_passive_within_20_ms(graph, metho
     driven = [stamp for stamp, torque in samples if torque > 0.0]
     # The effort of a sample belongs to the tick before it. The last sample heard before the kill was driven.
     assert max(driven) <= killed + WITHIN
+
+
+@pytest.mark.parametrize(("method", "number"), [("equilibrium_preset", signal.SIGINT), ("excitation", signal.SIGTERM)])
+def test_the_last_command_of_a_controller_that_is_ended_is_zero(graph, method, number):
+    """It does not leave the end of its torque to the watchdog of a driver."""
+    listener, commands = graph.node("listener"), []
+    name, simulator, parameters, _ = ROBOTS[method]
+    listener.create_subscription(
+        VsaCommand, f"/{name}/command", lambda each: commands.append(np.abs(each.motor).max()), qos.SAMPLES
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", CONTROLLER.format(method), *ARGUMENTS.get(method, ())], stdin=subprocess.DEVNULL
+    ) as controller:
+        try:
+            graph.add(simulator, mode="realtime", rate=250.0, **parameters)
+            graph.until(lambda: len(commands) > 40 and commands[-1] > 0.0, COMPILED)
+            controller.send_signal(number)
+            assert controller.wait(timeout=600) == 0
+        finally:
+            controller.kill()
+    graph.until(lambda: commands[-1] == 0.0)
