@@ -60,7 +60,7 @@ BOTH = Location("torque_gain", "motor", 0)
 EACH = tuple(Location("torque_gain", "motor", i) for i in (1, 2))
 SCALES = Scales(
     torque=np.array([0.5, 0.3, 0.2]), missing=np.full(3, np.inf), speed=np.array([2.0, 3.0, 4.0]),
-    peak=np.array([0.7, 0.9]), slew=5.0, angle=0.4, range=np.array([-1.0, -0.5, 0.5, 1.0]),
+    peak=np.array([0.7, 0.9]), slew=5.0, angle=0.4, range=np.array([-1.2, -1.0, -0.5, 0.5, 1.0, 1.2]),
     travel=np.full(3, 2.0), deflection=0.2, stretch=0.2, duration=8.0, busy=((1.0, 2.0),), gravity=np.inf,
     friction=np.zeros(3),    orders=((1.0, 2.0), (3.0, 4.0), (5.0, 6.0)),
 )  # fmt: skip

@@ -12,9 +12,10 @@ inactive      the arm or joint is held where it was
 active        the controller runs
 
 With `autostart` the node configures and activates itself, so that `ros2 run` alone suffices. After 20 ms without a
-later stamp, and when it is cleaned up or ended by a signal, the node sends zero torque once; samples whose stamps do not
-advance are answered with zero torque. Drivers and simulators have watchdogs in case the node itself is gone. In lockstep
-the zero has no effect: its stamp belongs to a sample that is already answered. Diagnostics name a second commander or a second driver of the robot.
+later stamp, and when it is cleaned up or ended by a signal, the node sends zero torque once; samples whose stamps do
+not advance are answered with zero torque. Drivers and simulators have watchdogs in case the node itself is gone. In
+lockstep the zero has no effect: its stamp belongs to a sample that is already answered. Diagnostics name a second
+commander or a second driver of the robot.
 """
 
 from __future__ import annotations

@@ -17,6 +17,8 @@ SCALED = ("N m", "N m s/rad", "N m s^2/rad^2", "kg m^2")  # units whose bounds d
 def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
     """Lowest and highest value (p,) of every parameter; torques and inertias at most WIDEST times the typical size.
 
+    That does not hold for walls: the damping of a hard one is that of a knock, not of the motion.
+
     Dry friction is also at most WIDEST times the largest missing torque of its axis: the larger a static friction is,
     the more errors near standstill lie below it, so that the equations alone do not limit it.
     That of the device file can be absent, but not drive the axis.
@@ -27,7 +29,8 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
     A torque ripple has at least one period within the travel of its axis: part of a period would be any function of
     the angle, such as an error of gravity.
     """
-    limited = [(p, p.unit in SCALED and p.neutral == 0.0) for p in location.parameters]
+    usual = not location.kind.touched
+    limited = [(p, usual and p.unit in SCALED and p.neutral == 0.0) for p in location.parameters]
     reach = np.array([WIDEST * size_of(p, location, scales) if has_limit else np.inf for p, has_limit in limited])
     if location.kind.dry:
         is_torque = np.array([p.unit == "N m" for p in location.parameters])

@@ -33,7 +33,7 @@ class Scales:
     peak        (2,) [N m] or [rad] largest command of each motor; for a position drive its largest torque
     slew        [rad/s] largest speed of a motor; for a position drive of the link
     angle       [rad] standard deviation of the link angle
-    range       (4,) [rad] its 2, 10, 90 and 98 percent quantiles
+    range       (6,) [rad] its least value, its 2, 10, 90 and 98 percent quantiles, and its largest value
     travel      (3,) [rad] between the smallest and the largest angle of each axis; of unseen motors that of the link
     deflection  [rad] standard deviation of the deflection
     stretch     [rad] its root mean square, which is larger under pretension
@@ -103,7 +103,7 @@ def scales_of(segments: Sequence[Segments], missing: Sequence[MissingTorque | No
         orders[1] = orders[0]
     return Scales(
         torque, _largest(missing), speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
-        np.quantile(q, [0.02, 0.1, 0.9, 0.98]), travel, max(deflection, 1e-3), max(stretch, 1e-3),
+        np.quantile(q, [0.0, 0.02, 0.1, 0.9, 0.98, 1.0]), travel, max(deflection, 1e-3), max(stretch, 1e-3),
         max(each.log.duration for each in segments), (), gravity if gravity > 0.0 else np.inf,
         segments[0].nominal[P.kinetic_friction : P.kinetic_friction + 3], tuple(orders),
     )  # fmt: skip

@@ -63,7 +63,7 @@ def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location]
 
 
 def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array | None = None) -> Ranked:
-    """Candidates by the predicted loss with the best amounts of their directions, beside the effects of `base`.
+    """Starts of candidates by the predicted loss with their best amounts, beside the effects of `base`.
 
     slopes  (R, k) derivatives of the residual by the effect parameters of `base`, which are then fitted as well: often
             a second cause is visible only if the first can change. None: they are fixed
@@ -76,7 +76,7 @@ def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array
         base = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
         tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
     screen = _Screen.of(base, jacobian, tried)
-    alone = map(screen.predicted, combinations(screen.best_starts(), 1))
+    alone = map(screen.predicted, combinations(range(len(tried)), 1))
     return sorted(((loss, location, values) for loss, ((location, values),) in alone), key=lambda each: each[0])
 
 

@@ -81,6 +81,8 @@ def cautions(report: GapReport) -> tuple[str, ...]:
             f"A flexible torque model reduces the error{best}: it repeats with the motion. An effect outside the "
             "catalogue acts on the joint, or several effects that could not be identified together."
         )
+    if not names_causes(report) and report.verdict != "no_gap":
+        said.append(largest_error(report, "error"))
     replaced = list(dict.fromkeys(tie.named for tie in ties(report)))
     if names_causes(report) and replaced:
         held = listed([place_words(place) for place in replaced])
@@ -111,14 +113,18 @@ def remainder(report: GapReport) -> str:
             f"Another effect acts as well: an error of {percent(gap.after)} remains, where {percent(gap.bound)} is "
             f"achievable and sensor noise alone gives {percent(gap.floor)}."
         )
-    said += _transfer(report)
+    return f"{said}{_transfer(report)} {largest_error(report, 'remaining error')}".rstrip()
+
+
+def largest_error(report: GapReport, name: str) -> str:
+    """A sentence about where the error of this `name` is largest; empty if no figure shows it."""
     found = largest_remainder(report)
-    if found is None:
-        return said
+    if found is None or report.gap is None:
+        return ""
     figure, worst = found
     over = f"{QUANTITIES.get(figure.by, figure.by)} {number(worst.low)} to {number(worst.high)} {figure.unit}"
-    signal = f" of the {SIGNALS.get(figure.signal, figure.signal)}" if len(gap.signals) > 1 else ""
-    return f"{said} The remaining error{signal} is largest at {over}."
+    signal = f" of the {SIGNALS.get(figure.signal, figure.signal)}" if len(report.gap.signals) > 1 else ""
+    return f"The {name}{signal} is largest at {over}."
 
 
 def _transfer(report: GapReport) -> str:

@@ -193,7 +193,12 @@ def predicts(each: Evaluation, without: Evaluation) -> bool:
 
 
 def vetoed(candidate: Evaluation, reference: Evaluation) -> bool:
-    """Whether `candidate` is significantly worse than `reference` in the other view."""
+    """Whether `candidate` is significantly worse than `reference` in the other view.
+
+    Not one with a wall: along a measured motion its torque is its stiffness times a depth that no encoder resolves.
+    """
+    if any(location.kind.touched for location in candidate.fit.locations):
+        return False
     return bool(candidate.other_view.size) and significantly_worse(candidate.in_other_view, reference.in_other_view)
 
 

@@ -25,7 +25,7 @@ from via_gap.candidates.further_terms import richer
 from via_gap.candidates.location import Location
 from via_gap.candidates.refinement import FINISHING, Budget, fit_on, member_slopes, raced, refine, refine_all
 from via_gap.candidates.scales import Scales
-from via_gap.candidates.screen import Direction, directions, other_starts, ranked, ranked_pairs
+from via_gap.candidates.screen import Direction, Ranked, directions, other_starts, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation, plainer, simplest
@@ -139,7 +139,7 @@ class Search:
             jacobian = self.few.nuisance_jacobian(here.effects, here.offsets, here.residual)
             slopes = member_slopes(self.few, here, self.scales)
             known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
-            near = [location for _, location, _ in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
+            near = _locations(ranked(here, jacobian, known, slopes))[: RACED * FITTED_NEXT]
             hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)
         members = [[*fit.members, (location, values)] for _, location, values in hopeful]
         return self._raced(here, members, jacobian, most, rival)
@@ -149,16 +149,27 @@ class Search:
     ) -> list[Fit]:
         """Fits on the subset of the best `most` of some candidates, after one step of each from `base`.
 
-        candidates  ordered by a linear prediction of their loss
+        candidates  ordered by a linear prediction of their loss; several with the same locations are starts of one
 
         Far from a model that explains the motion, the prediction ranks them wrongly; one step shows by how much. Where
-        device parameters are far from their values, so does the step: the best predictions are fitted as well.
+        device parameters are far from their values, so does the step: the best predictions are fitted as well. Of what
+        is fitted, every start takes a step: from a wall that hardly yields, another one leads to another minimum.
         """
-        first = refine_all(self.few, [(base, each) for each in candidates], self.scales, FIRST, jacobian)
-        begun = [each for each in first if each is not None]
+
+        def steps(some: Iterable[Members]) -> list[Fit]:
+            first = refine_all(self.few, [(base, each) for each in some], self.scales, FIRST, jacobian)
+            return [each for each in first if each is not None]
+
+        starts: dict[frozenset[Location], list[Members]] = {}
+        for each in candidates:
+            starts.setdefault(frozenset(location for location, _ in each), []).append(each)
+        begun = steps(own[0] for own in starts.values())
         order = sorted(begun, key=lambda each: each.loss)[:most]
-        chosen = (*order, *(each for each in begun[:PREDICTED] if each not in order))
-        return raced(self.few, [(each, each.members) for each in chosen], self.scales, rival)
+        chosen = [*order, *(each for each in begun[:PREDICTED] if each not in order)]
+        again = steps(each for fit in chosen for each in starts[frozenset(fit.locations)][1:])
+        best = {frozenset(fit.locations): fit for fit in sorted([*chosen, *again], key=lambda each: -each.loss)}
+        found = [best[frozenset(fit.locations)] for fit in chosen]
+        return raced(self.few, [(each, each.members) for each in found], self.scales, rival)
 
     def _pairs(self, there: Sequence[Fit]) -> list[Fit]:
         """Fits on the subset of the best-ranked pairs, except those in `there`.
@@ -224,6 +235,11 @@ class Search:
             done = refine_all(self.whole, [(fit, fit.members) for fit in near], self.scales, FINISHING)
             found = [fit for fit in done if fit is not None]
         return found + richer(self.whole, found, self.candidates.equations, self.scales)
+
+
+def _locations(found: Ranked) -> list[Location]:
+    """The locations in some ranking, each once."""
+    return list(dict.fromkeys(location for _, location, _ in found))
 
 
 def _forms(location: Location, values: Sequence[float]) -> Members:

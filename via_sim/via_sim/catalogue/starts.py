@@ -41,7 +41,7 @@ class Typical:
     peak           [N m] or [rad] largest command of the motor
     slew           [rad/s] largest speed of a servo or of the link of a position drive
     angle          [rad] standard deviation of the link angle
-    range          (4,) [rad] its 2, 10, 90 and 98 percent quantiles
+    range          (6,) [rad] its least value, its 2, 10, 90 and 98 percent quantiles, and its largest value
     deflection     [rad] standard deviation of the deflection of a spring
     stretch        [rad] its root mean square, which is larger under pretension
     duration       [s]

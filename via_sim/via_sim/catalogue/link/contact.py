@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 from via_core.errors import ParameterError
 
 from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot, Spot, Values
 from via_sim.catalogue.starts import Typical, grid
 
-HARDER = (1.0, 10.0, 100.0)  # times a wall that yields to the typical torque by half the typical motion
+HARDER = (10.0, 100.0, 1000.0)  # times a wall that yields to the typical torque by half the typical motion
 
 
 def _write(_spot: Spot, value: Values) -> None:
@@ -16,14 +18,19 @@ def _write(_spot: Spot, value: Values) -> None:
 
 
 def _starts(here: Typical) -> list[dict[str, float]]:
+    """Soft walls within the motion, hard ones near its ends: the joint rests against them, or touches them rarely.
+
+    From hard ones it bounces, or it does not: a fit does not pass from one to the other.
+    """
     soft = 2.0 * here.torque / here.angle
-    low, tenth, ninetieth, high = (float(each) for each in here.range)
-    walls = ((high, 1.0), (ninetieth, 1.0), (tenth, -1.0), (low, -1.0))
-    return [
-        {"angle": angle, "stiffness": times * soft, "damping": 0.0, "side": side}
-        for times in HARDER
-        for angle, side in walls
-    ]
+    least, low, tenth, ninetieth, high, most = (float(each) for each in here.range)
+    soft_walls = ((ninetieth, 1.0), (high, 1.0), (tenth, -1.0), (low, -1.0))
+    walls = [(soft, 0.0, *wall) for wall in soft_walls]
+    for stiffness in (times * soft for times in HARDER):
+        depth, critical = here.torque / stiffness, 2.0 * sqrt(stiffness * here.device.link.inertia)
+        for wall in ((high, 1.0), (most - depth, 1.0), (low, -1.0), (least + depth, -1.0)):
+            walls += [(stiffness, 0.0, *wall), (stiffness, 0.3 * critical, *wall)]
+    return [dict(zip(("stiffness", "damping", "angle", "side"), wall, strict=True)) for wall in walls]
 
 
 KIND = EffectKind(
@@ -48,4 +55,5 @@ KIND = EffectKind(
     ),
     write=_write,
     starts=grid("stiffness", at=_starts),
+    touched=True,
 )

@@ -14,7 +14,7 @@ def _torque(link_spring: float, link_spring_rest: float, angle: float) -> float:
 
 
 def _starts(here: Typical) -> list[dict[str, float]]:
-    low, _, _, high = (float(each) for each in here.range)
+    _, low, _, _, high, _ = (float(each) for each in here.range)
     return [{"stiffness": 0.1 * here.torque / here.angle, "rest": rest} for rest in (low, 0.5 * (low + high), high)]
 
 
