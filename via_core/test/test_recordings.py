@@ -20,7 +20,7 @@ from via_core.device_parts import WireColumn
 from via_core.devices import load_device, parse_device
 from via_core.errors import BagError, DeviceError, ImportMapError, ParameterError, SignalError
 from via_core.recordings.channels import read_joint
-from via_core.recordings.entries import Constants, entries_of
+from via_core.recordings.entries import Constants, Entries, entries_of
 from via_core.recordings.guess import guess_columns, guess_time, of_joint, split_name
 from via_core.recordings.mapping_text import mapping_text
 from via_core.recordings.tables import is_bag, numbers, read_tables
@@ -615,3 +615,95 @@ def test_columns_that_may_hold_the_commands_are_listed_where_there_are_none(
 def test_a_hint_lists_a_few_columns() -> None:
     report = StampReport("", 0, 1, 0, 0, 0, 1, unread=tuple("abcdefghij"))
     assert "a, b, c, d, e, f, g, h and 2 more" in report.hint
+
+
+MIT = pandas.DataFrame({"t": TIME, "q": ANGLE, "qd": SPEED, "tau_ff": 0.3 * TORQUE, "tau_est": TORQUE,
+                        "q_des": ANGLE + 0.1, "qd_des": SPEED, "kp": 20.0, "kd": 0.5})  # fmt: skip
+
+
+def entries(frame: pandas.DataFrame) -> Entries:
+    return entries_of({"": frame}, guess_columns({"": frame}), "")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        {},
+        {"q_des": "p_des", "qd_des": "v_des", "tau_ff": "t_ff", "q": "position", "qd": "velocity", "tau_est": "torque"},
+        {"q_des": "cmd_q", "qd_des": "cmd_dq", "tau_ff": "cmd_tau", "kp": "cmd_kp", "kd": "cmd_kd", "qd": "dq"},
+        {"tau_ff": "feed_forward_torque", "kp": "Kp", "kd": "Kd", "q_des": "qDes", "qd_des": "qdDes"},
+    ],
+)
+def test_a_measured_torque_outranks_a_feed_forward_which_is_no_torque_beside_gains(names: dict[str, str]) -> None:
+    log = MIT.rename(columns=names)
+    name = {each: names.get(each, each) for each in MIT.columns}
+    found = entries(log)
+    assert found.columns["external_torque"][0] == {"column": name["tau_est"], "measured": True}
+    assert found.columns["equilibrium"][0]["column"] == name["q_des"]
+    assert not any(remark.startswith("several") for remark in found.remarks)
+    formula = "{kp} * ({q_des} - {q}) + {kd} * ({qd_des} - {qd}) + {tau_ff}".format(**name)
+    with pytest.raises(SignalError) as error:
+        entries(log.drop(columns=name["tau_est"]))
+    assert formula in str(error.value) and "add a column with it, 'tau'" in str(error.value)
+    whole = entries(log.drop(columns=name["tau_est"]).assign(tau=log.eval(formula)))  # what the error says
+    assert whole.columns["external_torque"][0]["column"] == "tau"
+
+
+def test_a_feed_forward_is_the_torque_where_gains_are_zero_and_a_part_of_it_where_they_are_not_known() -> None:
+    log = MIT.drop(columns="tau_est")
+    found = entries(log.assign(kp=0.0, kd=0.0)).columns["external_torque"]
+    assert found[0] == {"column": "tau_ff"} and "gains beside it are 0" in found[1]
+    hidden = entries(log.drop(columns=["kp", "kd", "qd_des"]))
+    assert "external_torque" not in hidden.columns and "equilibrium" in hidden.columns
+    assert "'tau_ff' is a feed-forward, a part of the torque of the drive: not used" in hidden.remarks[0]
+    with pytest.raises(SignalError, match=r"'tau_ff' is a feed-forward.* add a column with the whole torque, 'tau'"):
+        entries(log[["t", "q", "tau_ff"]])
+    goals = entries(log.assign(tau_ff=0.0, qd_des=0.0)).columns  # a position drive
+    assert "external_torque" not in goals and "equilibrium" in goals
+
+
+def test_a_gain_of_a_position_loop_is_no_position_and_a_mapping_names_what_it_leaves_out(tmp_path: Path) -> None:
+    frame = pandas.DataFrame({"t": TIME, "pos_kp": 20.0, "pos": ANGLE, "vel_ff": SPEED})
+    assert {each.column for each in guess_columns({"": frame}) if each.quantity} == {"pos"}
+    MIT.to_csv(tmp_path / "a.csv", index=False)
+    time = guess_time(MIT)
+    assert time is not None
+    text = mapping_text(tmp_path / "a.csv", time, guess_columns({"": MIT}), Constants())
+    assert "tau_ff: a feed-forward, which no message holds" in text and "kp: a kp, which no message holds" in text
+
+
+TURNING = 2.0 * TIME * 40.0 + ANGLE  # 10 turns
+
+
+@pytest.mark.parametrize(
+    ("columns", "unit"),
+    [
+        ({"q": TURNING, "qd [rad/s]": 80.0 + SPEED}, "rad"),
+        ({"q": np.degrees(TURNING), "qd [rad/s]": 80.0 + SPEED}, "deg"),
+        ({"q": TURNING, "qd": (80.0 + SPEED) * 30.0 / pi}, "rad"),  # only rad and rpm fit each other
+        ({"q": np.degrees(ANGLE) / 10.0, "qd": SPEED / 10.0}, "deg"),  # small, but its speed is in rad/s
+        ({"q": 80.0 + ANGLE}, "rad"),
+        ({"q": np.degrees(ANGLE[100:160]) - 50.0}, "deg"),
+        ({"q": np.degrees(TURNING) % 360.0}, "deg"),
+    ],
+)
+def test_the_unit_of_an_angle_follows_from_speed_steps_and_turns_before_its_size(
+    columns: dict[str, np.ndarray], unit: str
+) -> None:
+    frame = pandas.DataFrame({"t": TIME[: len(columns["q"])], **columns, "q_des": columns["q"]})
+    found = {each.column: each for each in guess_columns({"": frame})}
+    assert found["q"].unit == found["q_des"].unit == unit
+    assert not entries(frame.assign(tau=1.0)).remarks[:-1]
+
+
+def test_an_angle_that_only_its_size_shows_is_remarked() -> None:
+    for limits, unit, other in ((None, "deg", "rad"), ((-np.inf, np.inf), "rad", "deg")):
+        frame = pandas.DataFrame({"t": TIME, "q": TURNING, "qd": 80.0 + SPEED, "tau": TORQUE})
+        guesses = guess_columns({"": frame}, ["wheel"], {} if limits is None else {"": limits})
+        found = entries_of({"": frame}, guesses, "wheel")
+        assert found.columns["q"][0].get("unit", "rad") == unit
+        assert found.columns["q_velocity"][0].get("unit", "rad/s") == f"{unit}/s"
+        (remark,) = found.remarks
+        assert "'q' states no unit: up to 64" in remark and f"call it 'q [{other}]'" in remark
+        renamed = frame.rename(columns={"q": f"q [{other}]"})
+        assert not entries_of({"": renamed}, guess_columns({"": renamed}), "").remarks

@@ -56,7 +56,7 @@ def describe(
 
         robot = read_robot(model)
         joint = robot.joint(joint if joint or len(robot.joints) != 1 else robot.joints[0].name).name
-    recorded = None if log is None else Recorded.of(log, robot)
+    recorded = None if log is None else Recorded.of(log, robot, joint)
     made = described(command, robot, joint, recorded, at, constants)
     if robot is not None:
         made.remarks += rigid_springs(robot, joint)
@@ -77,10 +77,13 @@ class Recorded:
         return is_bag(self.path)
 
     @staticmethod
-    def of(path: Path, robot: Robot | None) -> Recorded:
-        """The recording; the joints of the robot and their limits help to guess."""
+    def of(path: Path, robot: Robot | None, joint: str = "") -> Recorded:
+        """The recording; the joints of the robot and their limits help to guess. `joint` is that of columns without."""
         joints = [] if robot is None else [each.name for each in robot.joints]
-        limits = {} if robot is None else {each.name: (each.low, each.high) for each in robot.joints}
+        turning = [] if robot is None else [each for each in robot.joints if each.kind == "revolute"]
+        limits = {each.name: (each.low, each.high) for each in turning}
+        if joint in limits:
+            limits[""] = limits[joint]
         tables = read_tables(path)
         return Recorded(path, tables, guess_columns(tables, joints, limits, is_bag(path)))
 
