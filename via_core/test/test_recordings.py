@@ -1,6 +1,7 @@
 """Recordings of every format give the same numbers; units, guesses, and errors that say what to write."""
 
 import json
+import re
 from math import pi
 from pathlib import Path
 
@@ -518,6 +519,19 @@ def test_a_recording_without_a_time_gives_one_line(tmp_path: Path, rows: str) ->
     (tmp_path / "a.csv").write_text("time,q,theta_1,tau_1\n" + rows, encoding="utf-8")
     with pytest.raises(SignalError, match=r"a\.csv: no row has a time; write one row"):
         read_joint(tmp_path / "a.csv", load_device("visco_elastic_demo"))
+
+
+@pytest.mark.parametrize(("name", "remedy"), [("a.csv", "sed -i '1i NAME1;NAME2;NAME3' "), ("a.npy", "numpy.savez(")])
+def test_columns_without_names_need_names(tmp_path: Path, name: str, remedy: str) -> None:
+    file, table = tmp_path / name, np.stack([TIME, ANGLE, TORQUE], axis=1)
+    np.savetxt(file, table, delimiter=";") if name == "a.csv" else np.save(file, table)
+    with pytest.raises(SignalError, match=f"{name}: its 3 columns have no names; .*{re.escape(remedy)}") as error:
+        read_joint(file, parse_device(DEVICE.format(wire="{}"), "d"))
+    assert "\n" not in str(error.value)
+    # A device file may refer to columns by their numbers.
+    columns = "{columns: {time: 'column[0]', q: 'column[1]', external_torque: 'column[2]'}}"
+    found = read_joint(file, parse_device(DEVICE.format(wire=columns), "d"))
+    np.testing.assert_allclose(found.measured["q"], ANGLE)
 
 
 def test_numbers_name_the_cell_that_is_none(tmp_path: Path) -> None:

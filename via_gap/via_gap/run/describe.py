@@ -14,7 +14,7 @@ from via_core.errors import SignalError
 from via_core.recordings.channels import joint_of
 from via_core.recordings.entries import Constants, entries_of, linear
 from via_core.recordings.guess import ColumnGuess, guess_columns
-from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
+from via_core.recordings.tables import Tables, is_bag, numbers, read_tables, require_names
 from via_core.robots.description import (
     GUESS,
     RATE,
@@ -85,6 +85,7 @@ class Recorded:
         if joint in limits:
             limits[""] = limits[joint]
         tables = read_tables(path)
+        require_names(path, tables)
         return Recorded(path, tables, guess_columns(tables, joints, limits, is_bag(path)))
 
 
