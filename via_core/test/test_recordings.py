@@ -721,3 +721,9 @@ def test_an_angle_that_only_its_size_shows_is_remarked() -> None:
         assert "'q' states no unit: up to 64" in remark and f"call it 'q [{other}]'" in remark
         renamed = frame.rename(columns={"q": f"q [{other}]"})
         assert not entries_of({"": renamed}, guess_columns({"": renamed}), "").remarks
+
+
+def test_a_column_of_no_channel_is_refused() -> None:
+    with pytest.raises(DeviceError, match=r"columns.torque: no such channel; there are: .*external_torque.*tau"):
+        parse_device(DEVICE.format(wire="{columns: {q: pos, torque: trq}}"), "d")
+    assert parse_device(DEVICE.format(wire="{columns: {q: pos, theta_1: m, tau_1: trq, time: t}}"), "d")
