@@ -207,7 +207,10 @@ def _choose_drive(made: Description) -> None:
         if "inertia" in made.numbers:
             guess_gains(made)
     elif not torque and "equilibrium" not in columns:
-        made.remarks.append("the recording has neither torques nor goals: a diagnosis needs one of them")
+        made.remarks.append(
+            "the recording has neither torques nor goals: a diagnosis needs one of them; enter the voltage of a motor "
+            "under wire.columns as external_torque with scale kt / R, and add kt^2 / R to viscous_friction"
+        )
     if made.drive == "torque":
         for name in ("kp", "kd", "torque_limit", "delay"):
             made.numbers.pop(name, None)
