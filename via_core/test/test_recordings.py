@@ -26,6 +26,7 @@ from via_core.recordings.guess import guess_columns, guess_time, of_joint, split
 from via_core.recordings.mapping_text import mapping_text
 from via_core.recordings.tables import is_bag, numbers, read_tables
 from via_core.recordings.units import factor, is_linear, is_unit, kind
+from via_core.recordings.unnamed import require_names
 from via_core.signals import Signals
 from via_core.wire import JOINT_STATE
 
@@ -525,7 +526,7 @@ def test_a_recording_without_a_time_gives_one_line(tmp_path: Path, rows: str) ->
 def test_columns_without_names_need_names(tmp_path: Path, name: str, remedy: str) -> None:
     file, table = tmp_path / name, np.stack([TIME, ANGLE, TORQUE], axis=1)
     np.savetxt(file, table, delimiter=";") if name == "a.csv" else np.save(file, table)
-    with pytest.raises(SignalError, match=f"{name}: its 3 columns have no names; .*{re.escape(remedy)}") as error:
+    with pytest.raises(SignalError, match=f"{name}: its 3 columns have no names such .*{re.escape(remedy)}") as error:
         read_joint(file, parse_device(DEVICE.format(wire="{}"), "d"))
     assert "\n" not in str(error.value)
     # A device file may refer to columns by their numbers.
@@ -727,3 +728,37 @@ def test_a_column_of_no_channel_is_refused() -> None:
     with pytest.raises(DeviceError, match=r"columns.torque: no such channel; there are: .*external_torque.*tau"):
         parse_device(DEVICE.format(wire="{columns: {q: pos, torque: trq}}"), "d")
     assert parse_device(DEVICE.format(wire="{columns: {q: pos, theta_1: m, tau_1: trq, time: t}}"), "d")
+
+
+def test_a_first_row_of_values_and_text_is_no_header_and_a_matrix_has_no_names(tmp_path: Path) -> None:
+    rows = [f"{k},0,,elbow,{q},{u}\n" for k, (q, u) in enumerate(zip(ANGLE, TORQUE, strict=True))]  # a topic's echo
+    (tmp_path / "echo.csv").write_text("".join(rows), encoding="utf-8")
+    savemat(tmp_path / "log.mat", {"log": np.stack([TIME, ANGLE, TORQUE], axis=1)})
+    for name, remedy in (("echo.csv", "sed -i '1i NAME1,"), ("log.mat", "save('run.mat', 'time'")):
+        with pytest.raises(SignalError, match=re.escape(remedy)):
+            require_names(tmp_path / name, read_tables(tmp_path / name))
+    require_names("a.csv", {"": pandas.DataFrame({"position[0]": ANGLE, "position[1]": ANGLE})})
+    require_names("a.csv", {"": pandas.DataFrame({"0": TIME, "pos": ANGLE})})
+
+
+def test_structures_of_simulink_have_the_labels_of_their_signals_and_times_are_no_signals(tmp_path: Path) -> None:
+    signals = np.zeros(2, dtype=[("values", "O"), ("label", "O")])
+    signals[:] = [(ANGLE[:, None], "q"), (TORQUE[:, None], "tau")]
+    savemat(tmp_path / "scope.mat", {"ScopeData": {"time": TIME[:, None], "signals": signals}})
+    series = {name: {"Time": TIME, "Data": each} for name, each in (("q", ANGLE), ("tau", TORQUE))}
+    savemat(tmp_path / "series.mat", {"data": series})
+    for name, torque in (("scope.mat", "ScopeData.signals.tau.values"), ("series.mat", "data.tau.Data")):
+        tables = read_tables(tmp_path / name)
+        found = entries_of(tables, guess_columns(tables), "").columns
+        assert found["external_torque"][0]["column"] == torque and "q" in found["q"][0]["column"]
+
+
+def test_a_drive_in_counts_has_a_speed_of_its_own_unit_and_a_large_current_is_remarked() -> None:
+    log = {"timestamp": TIME, "present_position": np.rint(652 * ANGLE + 2048), "present_velocity": np.rint(41 * SPEED),
+           "present_current": np.rint(300 * TORQUE)}  # fmt: skip
+    tables = {"": pandas.DataFrame(log)}
+    found = entries_of(tables, guess_columns(tables), "", Constants(counts_per_turn=4096, torque_constant=1.0))
+    assert "q_velocity" not in found.columns
+    current, left = found.remarks
+    assert "if it is in mA, call it 'present_current [mA]'" in current and left == "columns not used: present_velocity"
+    assert entries_of(tables, guess_columns(tables), "", Constants(4096, 1.0)).columns["external_torque"]

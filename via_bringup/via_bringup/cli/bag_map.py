@@ -12,7 +12,8 @@ from via_core.errors import SignalError
 from via_core.recordings.entries import Constants
 from via_core.recordings.guess import ColumnGuess, guess_columns, guess_time
 from via_core.recordings.mapping_text import mapping_text
-from via_core.recordings.tables import is_bag, numbers, read_tables, require_names
+from via_core.recordings.tables import is_bag, numbers, read_tables
+from via_core.recordings.unnamed import require_names
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.cli.options import CountsPerTurn, TorqueConstant

@@ -18,7 +18,8 @@ from via_core.device_parts import WireColumn
 from via_core.devices import Device
 from via_core.errors import ParameterError, SignalError, ViaError
 from via_core.recordings.guess import guess_time
-from via_core.recordings.tables import Tables, is_bag, numbers, read_tables, require_names
+from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
+from via_core.recordings.unnamed import require_names
 from via_core.signals import Array, Indices, Signals
 from via_core.stamps import ordered
 from via_core.wire import LINK, MOTOR, UNITS

@@ -68,6 +68,8 @@ def entries_of(
             channel = "external_torque"  # a logger's row holds what acts from then on; messages, what acted before
         if guess is None or channel in columns or (channel == "external_torque" and "tau_1" in columns):
             continue
+        if quantity == "velocity" and not guess.sure and COUNTS.fullmatch(chosen["position"].unit):
+            continue  # drives that report counts have units of speed of their own
         entry: dict[str, Any] = {"column": guess.column}
         if channel == "external_torque" and quantity != "torque command":
             entry["measured"] = True
@@ -94,7 +96,7 @@ def entries_of(
                 )
                 continue
             entry |= {"unit": guess.unit, "torque_constant": constants.torque_constant}
-        if guess.instead and quantity == "position":
+        if guess.instead and quantity in ("position", "current"):
             remarks.append(
                 f"column '{guess.column}' states no unit: {guess.reason.removesuffix('; check')}; if it is in "
                 f"{guess.instead}, call it '{guess.column} [{guess.instead}]' and repeat this command"

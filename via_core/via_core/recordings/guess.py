@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from via_core.errors import SignalError
-from via_core.recordings.angle_units import (
+from via_core.recordings.tables import Tables, numbers
+from via_core.recordings.unit_guess import (
     UnitGuess,
     are_alike,
     slope_of,
+    unit_of_current,
     unit_of_position,
     unit_of_velocity,
 )
-from via_core.recordings.tables import Tables, numbers
 from via_core.recordings.units import COUNTS, factor, is_unit, kind
 from via_core.signals import Array
 
@@ -50,6 +51,7 @@ WORDS = {
     "kd": {"kd"},
     "neither": {"error", "err", "acc", "acceleration", "accelerations", "qdd", "ddq", "temperature", "temp", "voltage"},
 }  # fmt: skip
+STAMPS = WORDS["time"] - {"t"}  # at the end of a name: the time of another signal, as `tau.time`
 # Words that say what a signal is or where it is measured, not which joint it belongs to.
 OF_ANY_JOINT = {
     "joint", "link", "axis", "motor", "drive", "actuator", "output", "input", "actual", "act", "measured", "meas",
@@ -194,7 +196,7 @@ def _with_units(
 ) -> list[ColumnGuess]:
     """The guesses with units that fit the values, where names state none: positions first, then what refers to them."""
     found = list(guesses)
-    for quantity in ("position", "velocity", "position command"):
+    for quantity in ("position", "velocity", "position command", "current"):
         for at, guess in enumerate(found):
             if guess.quantity == quantity and not guess.sure:
                 own = _OfJoint(guess, [each for each in found if each.table == guess.table], tables, bag)
@@ -215,6 +217,8 @@ class _OfJoint:
     def unit(self, limits: tuple[float, float] | None) -> UnitGuess:
         """The unit of the column; `limits` of the position of its joint [rad]."""
         guess, position, velocity = self.guess, self._of("position"), self._of("velocity")
+        if guess.quantity == "current":
+            return unit_of_current(self._values(guess), guess.reason)
         if guess.quantity == "velocity":
             slope = None if position is None else self._slope(position, guess)
             return unit_of_velocity(guess.unit, guess.reason, None if position is None else position.unit, slope)
@@ -286,7 +290,7 @@ def _by_name(
     if quantity and unit and kind(unit) == "time":
         unit = ""  # the end of a name that looks like seconds is no unit of a signal
     gain = "kp" if said["kp"] else "kd" if said["kd"] else ""
-    if said["neither"]:
+    if said["neither"] or (words and words[-1] in STAMPS):
         quantity = ""
     elif gain:
         quantity = "" if quantity else gain  # type: ignore[assignment]  # of a position loop alone: pos_kp

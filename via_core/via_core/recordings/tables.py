@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from via_core.errors import BagError, SignalError, ViaError, one_line
 from via_core.limits import require_regular
-from via_core.recordings.texts import MISSING, delimiter_of, read_csv
+from via_core.recordings.texts import MISSING, read_csv
 from via_core.signals import Array
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ NANOSECONDS = ("nanosec", "nanosecs", "nanoseconds", "nsec", "nsecs")
 BAGS = (".mcap", ".db3", ".active")
 TEXTS = (".csv", ".tsv", ".txt")
 JOINT_NAMES = ("name", "joint_names")  # members of messages that name the joints of the others
-_NAMELESS = re.compile(r"column(\[\d+\])?")  # names of columns that have none
 _LIST = re.compile(r"\s*[\[(].*[\])]\s*")
 
 
@@ -71,21 +70,6 @@ def read_tables(path: str | Path) -> Tables:
         raise SignalError(f"{path}: cannot be read: {error.strerror or one_line(error)}") from None
     except (ValueError, TypeError, KeyError, EOFError, RecursionError, MemoryError, zipfile.BadZipFile) as error:
         raise SignalError(f"{path}: cannot be read: {one_line(error)}") from None
-
-
-def require_names(file: str | Path, tables: Tables) -> None:
-    """Raise SignalError with the remedy where a file states no names of its columns."""
-    names = [str(name) for frame in tables.values() for name in frame.columns]
-    if not names or not all(_NAMELESS.fullmatch(name) for name in names):
-        return
-    path = Path(file)
-    if path.suffix.lower() in TEXTS:
-        header = delimiter_of(path).join(f"NAME{k}" for k in range(1, len(names) + 1))
-        how = f"write a line of names above its numbers, e.g. sed -i '1i {header}' {path}, with names such as "
-        how += "time, position, velocity, torque"
-    else:
-        how = "save it with names, e.g. numpy.savez(path, time=..., position=..., torque=...)"
-    raise SignalError(f"{path}: its {len(names)} columns have no names; {how}")
 
 
 def numbers(frame: DataFrame, column: str) -> Array:
@@ -173,6 +157,10 @@ def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
     for name, value in content.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, f"{prefix}{name}.")
+            continue
+        if isinstance(value, (list, np.ndarray)) and len(value) and all(isinstance(each, Mapping) for each in value):
+            called = [str(each.get("label") or k) for k, each in enumerate(value)]  # of signals in a Simulink structure
+            yield from _leaves(dict(zip(called, value, strict=True)), f"{prefix}{name}.")
             continue
         try:
             array = np.asarray(value)

@@ -14,7 +14,8 @@ from via_core.errors import SignalError
 from via_core.recordings.channels import joint_of
 from via_core.recordings.entries import Constants, entries_of, linear
 from via_core.recordings.guess import ColumnGuess, guess_columns
-from via_core.recordings.tables import Tables, is_bag, numbers, read_tables, require_names
+from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
+from via_core.recordings.unnamed import require_names
 from via_core.robots.description import (
     GUESS,
     RATE,

@@ -1,4 +1,4 @@
-"""Units of angles and speeds whose names state none, by what their numbers show.
+"""Units of angles, speeds and currents whose names state none, by what their numbers show.
 
 Of rad and deg, an angle has the unit in which its changes fit its speed, in which it stays within the limits of its
 joint, in which it starts again after a whole turn, or in which the steps of its encoder divide a turn. Size alone shows
@@ -21,6 +21,7 @@ SPEED_ERROR = 0.2  # relative difference between a speed and the change of the p
 OVER = 1.1  # times a limit of the joint, up to which positions are within it
 TURNS = 3.0  # turns beyond which angles are no longer taken as rad where nothing but their size is known
 COUNTS_FROM = 720.0  # integers beyond are counts rather than degrees
+AMPERES = 100.0  # [A] that motors of joints take
 WRAP, WRAP_ERROR = 0.8, 0.05  # jumps of an angle over its range; relative difference between that and a turn
 BITS, BITS_ERROR = (8, 24), 0.002  # of encoders; difference of a resolution from a whole number of bits
 ALIKE = 7.5  # ratio of two sizes: nearer to 1 than to the 57.3 between rad and deg
@@ -55,6 +56,12 @@ def unit_of_velocity(unit: str, reason: str, of_position: str | None, slope: flo
     if abs(ratio / factor(nearest) - 1.0) > SPEED_ERROR:
         return UnitGuess(unit, f"{reason}; the position changes {ratio:.3g} times as fast; check")
     return UnitGuess(nearest, f"{reason}, unit by the change of the position")
+
+
+def unit_of_current(values: Array, reason: str) -> UnitGuess:
+    """Amperes, in doubt where they are more than the motor of a joint takes."""
+    size = float(np.nanmax(np.abs(values)))
+    return UnitGuess("A", reason) if size <= AMPERES else UnitGuess("A", f"up to {size:.3g}, taken as A; check", "mA")
 
 
 def unit_of_position(
