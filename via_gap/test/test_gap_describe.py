@@ -32,6 +32,10 @@ def test_the_range_of_the_joint_decides_the_unit_of_a_column_without_a_name(
     made = describe("via device new", tmp_path / "r.urdf", "", tmp_path / "run.csv", {}, Constants())
     assert made.columns["q"][0].get("unit", "rad") == unit
     assert any("states no unit" in remark for remark in made.remarks) == remarked
+    numbered = {f"{name}[{k}]": frame[name] for name in ("q", "tau") for k in (0, 1)}
+    pandas.DataFrame({"t": TIME, **numbered}).to_csv(tmp_path / "run.csv", index=False)
+    made = describe("via device new", tmp_path / "r.urdf", "", tmp_path / "run.csv", {}, Constants(joint="1"))
+    assert made.columns["q"][0] == {"column": "q[1]"} | ({"unit": "deg"} if unit == "deg" else {})
 
 
 def test_a_table_without_names_is_refused_with_the_remedy(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def describe(
 
         robot = read_robot(model)
         joint = robot.joint(joint if joint or len(robot.joints) != 1 else robot.joints[0].name).name
-    recorded = None if log is None else Recorded.of(log, robot, joint)
+    recorded = None if log is None else Recorded.of(log, robot, joint, constants.joint)
     made = described(command, robot, joint, recorded, at, constants)
     if robot is not None:
         made.remarks += rigid_springs(robot, joint)
@@ -78,13 +78,16 @@ class Recorded:
         return is_bag(self.path)
 
     @staticmethod
-    def of(path: Path, robot: Robot | None, joint: str = "") -> Recorded:
-        """The recording; the joints of the robot and their limits help to guess. `joint` is that of columns without."""
+    def of(path: Path, robot: Robot | None, joint: str = "", called: str = "") -> Recorded:
+        """The recording; the joints of the robot and their limits help to guess.
+
+        Columns without the name of a joint, and those of the joint `called` in the recording, belong to `joint`.
+        """
         joints = [] if robot is None else [each.name for each in robot.joints]
         turning = [] if robot is None else [each for each in robot.joints if each.kind == "revolute"]
         limits = {each.name: (each.low, each.high) for each in turning}
         if joint in limits:
-            limits[""] = limits[joint]
+            limits |= {"": limits[joint], called: limits[joint]}
         tables = read_tables(path)
         require_names(path, tables)
         return Recorded(path, tables, guess_columns(tables, joints, limits, is_bag(path)))
