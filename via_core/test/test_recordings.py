@@ -673,6 +673,8 @@ def test_a_feed_forward_is_the_torque_where_gains_are_zero_and_a_part_of_it_wher
     assert "'tau_ff' is a feed-forward, a part of the torque of the drive: not used" in hidden.remarks[0]
     with pytest.raises(SignalError, match=r"'tau_ff' is a feed-forward.* add a column with the whole torque, 'tau'"):
         entries(log[["t", "q", "tau_ff"]])
+    total = entries(log.assign(tau_cmd=TORQUE))
+    assert total.columns["external_torque"][0] == {"column": "tau_cmd"} and "not used" in total.remarks[0]
     goals = entries(log.assign(tau_ff=0.0, qd_des=0.0)).columns  # a position drive
     assert "external_torque" not in goals and "equilibrium" in goals
 

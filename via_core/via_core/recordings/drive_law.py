@@ -23,6 +23,7 @@ GAINS: tuple[Quantity, ...] = ("kp", "kd")
 def with_whole_torque(tables: Tables, chosen: Chosen) -> tuple[Chosen, list[str]]:
     """The columns of a joint without a measured torque, its torque command only if it is the whole torque; remarks.
 
+    Beside gains, a torque command is the feed-forward, unless another column is.
     Raises SignalError with the formula where the torque consists of more columns than one.
     """
     gains = [chosen[each] for each in GAINS if each in chosen]
@@ -32,7 +33,7 @@ def with_whole_torque(tables: Tables, chosen: Chosen) -> tuple[Chosen, list[str]
         whole = replace(part, quantity="torque command", reason=f"{part.reason}, and the gains beside it are 0")
         return {**others, "torque command": whole}, []
     beyond = [each for each in (part, chosen.get("velocity command")) if each is not None and _acts(tables, each)]
-    if beyond and gains:
+    if beyond and gains and "torque command" not in others:
         raise SignalError(
             f"no column holds the torque of the drive, which is {_formula(chosen, part)}; add a column with it, "
             f"'{_name(chosen)}', in N m and rad"
