@@ -49,6 +49,22 @@ def with_whole_torque(tables: Tables, chosen: Chosen) -> tuple[Chosen, list[str]
     return others, [f"{what}: not used"]
 
 
+def without_partial_goals(tables: Tables, chosen: Chosen) -> tuple[Chosen, list[str]]:
+    """The columns of a joint with a measured torque, without goals that are only a part of what its drive follows.
+
+    A position drive of a model would follow them alone.
+    """
+    beside = [chosen[each] for each in ("velocity command", "feed-forward", "torque command") if each in chosen]
+    goal = chosen.get("position command")
+    if goal is None or not any(each in chosen for each in GAINS) or not any(_acts(tables, each) for each in beside):
+        return chosen, []
+    others: Chosen = {each: guess for each, guess in chosen.items() if guess is not goal}
+    parts = ", ".join(f"'{each.column}'" for each in beside)
+    return others, [
+        f"the goals '{goal.column}' are not all that the drive follows, beside {parts}: the measured torque is used"
+    ]
+
+
 def _acts(tables: Tables, guess: ColumnGuess) -> bool:
     values = numbers(tables[guess.table], guess.column)
     return bool(np.any(values[np.isfinite(values)] != 0.0))

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from via_core.errors import SignalError
-from via_core.recordings.drive_law import with_whole_torque
+from via_core.recordings.drive_law import with_whole_torque, without_partial_goals
 from via_core.recordings.guess import ColumnGuess, Quantity, guess_time, of_joint
 from via_core.recordings.tables import Tables, numbers
 from via_core.recordings.units import COUNTS, factor, is_linear
@@ -54,7 +54,7 @@ def entries_of(
         there = ", ".join(f"'{each.column}'" for each in guesses) or "none"
         raise SignalError(f"no column looks like a position; there are: {there}; name it under wire.columns as q")
     measured = "torque" in chosen or ("current" in chosen and constants.torque_constant is not None)
-    driven, remarks = (chosen, list[str]()) if measured else with_whole_torque(tables, chosen)
+    driven, remarks = (without_partial_goals if measured else with_whole_torque)(tables, chosen)
     found = _by_values(tables, driven, constants.drive)
     columns, explained = {}, set()
     time = guess_time(tables[chosen["position"].table], bag)

@@ -203,7 +203,7 @@ def _choose_drive(made: Description) -> None:
         columns["tau_1"] = {key: value for key, value in entry.items() if key != "measured"}, why
     if torque and "equilibrium" not in columns and made.drive == "position":
         made.drive = "torque"
-        made.remarks.append("the recording has torques and no goals: the position drive of the model is left out")
+        made.remarks.append("the torques of the recording drive the joint: the position drive of the model is left out")
     if torque and made.drive == "torque":
         columns.pop("equilibrium", None)
     elif not torque and "equilibrium" in columns and made.drive == "torque":
