@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from via_core.device_parts import WireColumn
 from via_core.devices import load_device
 from via_core.faults import fault_of, faulty_time
 from via_core.modulated_rows import IMPOSSIBLE, Samples
@@ -195,10 +196,10 @@ def swung(weight=1.0, pushed=0.0):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda s: s._replace(torque=-s.torque), "opposite signs of tau, q"),
-        (lambda s: s._replace(q=-s.q), "opposite signs of tau, q"),
-        (lambda s: s._replace(torque=1e3 * s.torque), "tau in N mm"),
-        (lambda s: s._replace(q=np.degrees(s.q)), "q in degrees"),
+        (lambda s: s._replace(torque=-s.torque), "opposite signs of external_torque (column 'torque'), q"),
+        (lambda s: s._replace(q=-s.q), "opposite signs of external_torque (column 'torque'), q"),
+        (lambda s: s._replace(torque=1e3 * s.torque), "external_torque (column 'torque') in N mm"),
+        (lambda s: s._replace(q=np.degrees(s.q)), "q (column 'position') in degrees"),
     ],
 )
 def test_a_recording_of_a_rigid_link_proves_wrong_signs_and_units(change, words):
@@ -344,3 +345,13 @@ def test_what_acts_beside_a_link_is_no_wrong_unit(rotor, spring, size):
     tau += 0.01 * rng.normal(size=len(t))
     samples = Samples(MOTION, angle, np.empty((len(t), 0)), tau[:, None])
     assert faulty_time(PENDULUM.model_copy(update={"link": link}), samples) is None
+
+
+def test_a_message_has_no_columns():
+    """What is named of live samples are the channels, also where the device file assigns columns of recordings."""
+    wire = CUBIC.wire.model_copy(update={"columns": {"tau_1": WireColumn(column="m1")}})
+    samples = moved(CUBIC).between(0.9, 1.9)
+    reversed_torque = samples._replace(torque=samples.torque * np.array([-1.0, 1.0]))
+    for device, words in ((CUBIC, "wrong sign of tau_1;"), (CUBIC.model_copy(update={"wire": wire}), "of tau_1;")):
+        fault = fault_of(device, reversed_torque)
+        assert fault is not None and words in fault.text

@@ -1,6 +1,7 @@
 """Recordings of every format give the same numbers; units, guesses, and errors that say what to write."""
 
 import json
+import re
 from math import pi
 from pathlib import Path
 
@@ -20,11 +21,12 @@ from via_core.device_parts import WireColumn
 from via_core.devices import load_device, parse_device
 from via_core.errors import BagError, DeviceError, ImportMapError, ParameterError, SignalError
 from via_core.recordings.channels import read_joint
-from via_core.recordings.entries import Constants, entries_of
+from via_core.recordings.entries import Constants, Entries, entries_of
 from via_core.recordings.guess import guess_columns, guess_time, of_joint, split_name
 from via_core.recordings.mapping_text import mapping_text
 from via_core.recordings.tables import is_bag, numbers, read_tables
 from via_core.recordings.units import factor, is_linear, is_unit, kind
+from via_core.recordings.unnamed import require_names
 from via_core.signals import Signals
 from via_core.wire import JOINT_STATE
 
@@ -520,6 +522,19 @@ def test_a_recording_without_a_time_gives_one_line(tmp_path: Path, rows: str) ->
         read_joint(tmp_path / "a.csv", load_device("visco_elastic_demo"))
 
 
+@pytest.mark.parametrize(("name", "remedy"), [("a.csv", "sed -i '1i NAME1;NAME2;NAME3' "), ("a.npy", "numpy.savez(")])
+def test_columns_without_names_need_names(tmp_path: Path, name: str, remedy: str) -> None:
+    file, table = tmp_path / name, np.stack([TIME, ANGLE, TORQUE], axis=1)
+    np.savetxt(file, table, delimiter=";") if name == "a.csv" else np.save(file, table)
+    with pytest.raises(SignalError, match=f"{name}: its 3 columns have no names such .*{re.escape(remedy)}") as error:
+        read_joint(file, parse_device(DEVICE.format(wire="{}"), "d"))
+    assert "\n" not in str(error.value)
+    # A device file may refer to columns by their numbers.
+    columns = "{columns: {time: 'column[0]', q: 'column[1]', external_torque: 'column[2]'}}"
+    found = read_joint(file, parse_device(DEVICE.format(wire=columns), "d"))
+    np.testing.assert_allclose(found.measured["q"], ANGLE)
+
+
 def test_numbers_name_the_cell_that_is_none(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t,q\n0,1\n1,\n2,two\n", encoding="utf-8")
     with pytest.raises(SignalError, match="line 4, column 'q': 'two' is not a number"):
@@ -615,3 +630,139 @@ def test_columns_that_may_hold_the_commands_are_listed_where_there_are_none(
 def test_a_hint_lists_a_few_columns() -> None:
     report = StampReport("", 0, 1, 0, 0, 0, 1, unread=tuple("abcdefghij"))
     assert "a, b, c, d, e, f, g, h and 2 more" in report.hint
+
+
+MIT = pandas.DataFrame({"t": TIME, "q": ANGLE, "qd": SPEED, "tau_ff": 0.3 * TORQUE, "tau_est": TORQUE,
+                        "q_des": ANGLE + 0.1, "qd_des": SPEED, "kp": 20.0, "kd": 0.5})  # fmt: skip
+
+
+def entries(frame: pandas.DataFrame) -> Entries:
+    return entries_of({"": frame}, guess_columns({"": frame}), "")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        {},
+        {"q_des": "p_des", "qd_des": "v_des", "tau_ff": "t_ff", "q": "position", "qd": "velocity", "tau_est": "torque"},
+        {"q_des": "cmd_q", "qd_des": "cmd_dq", "tau_ff": "cmd_tau", "kp": "cmd_kp", "kd": "cmd_kd", "qd": "dq"},
+        {"tau_ff": "feed_forward_torque", "kp": "Kp", "kd": "Kd", "q_des": "qDes", "qd_des": "qdDes"},
+    ],
+)
+def test_a_measured_torque_outranks_a_feed_forward_which_is_no_torque_beside_gains(names: dict[str, str]) -> None:
+    log = MIT.rename(columns=names)
+    name = {each: names.get(each, each) for each in MIT.columns}
+    found = entries(log)
+    assert found.columns["external_torque"][0] == {"column": name["tau_est"], "measured": True}
+    assert "equilibrium" not in found.columns and f"the goals '{name['q_des']}' are not all" in found.remarks[0]
+    pure = log.drop(columns=[name["qd_des"], name["tau_ff"]])  # goals of a position drive
+    assert entries(pure).columns["equilibrium"][0]["column"] == name["q_des"]
+    assert not any(remark.startswith("several") for remark in found.remarks)
+    formula = "{kp} * ({q_des} - {q}) + {kd} * ({qd_des} - {qd}) + {tau_ff}".format(**name)
+    with pytest.raises(SignalError) as error:
+        entries(log.drop(columns=name["tau_est"]))
+    assert formula in str(error.value) and "add a column with it, 'tau'" in str(error.value)
+    whole = entries(log.drop(columns=name["tau_est"]).assign(tau=log.eval(formula)))  # what the error says
+    assert whole.columns["external_torque"][0]["column"] == "tau"
+
+
+def test_a_feed_forward_is_the_torque_where_gains_are_zero_and_a_part_of_it_where_they_are_not_known() -> None:
+    log = MIT.drop(columns="tau_est")
+    found = entries(log.assign(kp=0.0, kd=0.0)).columns["external_torque"]
+    assert found[0] == {"column": "tau_ff"} and "gains beside it are 0" in found[1]
+    hidden = entries(log.drop(columns=["kp", "kd", "qd_des"]))
+    assert "external_torque" not in hidden.columns and "equilibrium" in hidden.columns
+    assert "'tau_ff' is a feed-forward, a part of the torque of the drive: not used" in hidden.remarks[0]
+    with pytest.raises(SignalError, match=r"'tau_ff' is a feed-forward.* add a column with the whole torque, 'tau'"):
+        entries(log[["t", "q", "tau_ff"]])
+    total = entries(log.assign(tau_cmd=TORQUE))
+    assert total.columns["external_torque"][0] == {"column": "tau_cmd"} and "not used" in total.remarks[0]
+    goals = entries(log.assign(tau_ff=0.0, qd_des=0.0)).columns  # a position drive
+    assert "external_torque" not in goals and "equilibrium" in goals
+
+
+def test_a_gain_of_a_position_loop_is_no_position_and_a_mapping_names_what_it_leaves_out(tmp_path: Path) -> None:
+    frame = pandas.DataFrame({"t": TIME, "pos_kp": 20.0, "pos": ANGLE, "vel_ff": SPEED})
+    assert {each.column for each in guess_columns({"": frame}) if each.quantity} == {"pos"}
+    MIT.to_csv(tmp_path / "a.csv", index=False)
+    time = guess_time(MIT)
+    assert time is not None
+    text = mapping_text(tmp_path / "a.csv", time, guess_columns({"": MIT}), Constants())
+    assert "tau_ff: a feed-forward, which no message holds" in text and "kp: a kp, which no message holds" in text
+
+
+TURNING = 2.0 * TIME * 40.0 + ANGLE  # 10 turns
+
+
+@pytest.mark.parametrize(
+    ("columns", "unit"),
+    [
+        ({"q": TURNING, "qd [rad/s]": 80.0 + SPEED}, "rad"),
+        ({"q": np.degrees(TURNING), "qd [rad/s]": 80.0 + SPEED}, "deg"),
+        ({"q": TURNING, "qd": (80.0 + SPEED) * 30.0 / pi}, "rad"),  # only rad and rpm fit each other
+        ({"q": np.degrees(ANGLE) / 10.0, "qd": SPEED / 10.0}, "deg"),  # small, but its speed is in rad/s
+        ({"q": 80.0 + ANGLE}, "rad"),
+        ({"q": np.degrees(ANGLE[100:160]) - 50.0}, "deg"),
+        ({"q": np.degrees(TURNING) % 360.0}, "deg"),
+    ],
+)
+def test_the_unit_of_an_angle_follows_from_speed_steps_and_turns_before_its_size(
+    columns: dict[str, np.ndarray], unit: str
+) -> None:
+    frame = pandas.DataFrame({"t": TIME[: len(columns["q"])], **columns, "q_des": columns["q"]})
+    found = {each.column: each for each in guess_columns({"": frame})}
+    assert found["q"].unit == found["q_des"].unit == unit
+    assert not entries(frame.assign(tau=1.0)).remarks[:-1]
+
+
+def test_an_angle_that_only_its_size_shows_is_remarked() -> None:
+    for limits, unit, other in ((None, "deg", "rad"), ((-np.inf, np.inf), "rad", "deg")):
+        frame = pandas.DataFrame({"t": TIME, "q": TURNING, "qd": 80.0 + SPEED, "tau": TORQUE})
+        guesses = guess_columns({"": frame}, ["wheel"], {} if limits is None else {"": limits})
+        found = entries_of({"": frame}, guesses, "wheel")
+        assert found.columns["q"][0].get("unit", "rad") == unit
+        assert found.columns["q_velocity"][0].get("unit", "rad/s") == f"{unit}/s"
+        (remark,) = found.remarks
+        assert "'q' states no unit: up to 64" in remark and f"call it 'q [{other}]'" in remark
+        renamed = frame.rename(columns={"q": f"q [{other}]"})
+        assert not entries_of({"": renamed}, guess_columns({"": renamed}), "").remarks
+
+
+def test_a_column_of_no_channel_is_refused() -> None:
+    with pytest.raises(DeviceError, match=r"columns.torque: no such channel; there are: .*external_torque.*tau"):
+        parse_device(DEVICE.format(wire="{columns: {q: pos, torque: trq}}"), "d")
+    assert parse_device(DEVICE.format(wire="{columns: {q: pos, theta_1: m, tau_1: trq, time: t}}"), "d")
+
+
+def test_a_first_row_of_values_and_text_is_no_header_and_a_matrix_has_no_names(tmp_path: Path) -> None:
+    rows = [f"{k},0,,elbow,{q},{u}\n" for k, (q, u) in enumerate(zip(ANGLE, TORQUE, strict=True))]  # a topic's echo
+    (tmp_path / "echo.csv").write_text("".join(rows), encoding="utf-8")
+    savemat(tmp_path / "log.mat", {"log": np.stack([TIME, ANGLE, TORQUE], axis=1)})
+    for name, remedy in (("echo.csv", "sed -i '1i NAME1,"), ("log.mat", "save('run.mat', 'time'")):
+        with pytest.raises(SignalError, match=re.escape(remedy)):
+            require_names(tmp_path / name, read_tables(tmp_path / name))
+    require_names("a.csv", {"": pandas.DataFrame({"position[0]": ANGLE, "position[1]": ANGLE})})
+    require_names("a.csv", {"": pandas.DataFrame({"0": TIME, "pos": ANGLE})})
+
+
+def test_structures_of_simulink_have_the_labels_of_their_signals_and_times_are_no_signals(tmp_path: Path) -> None:
+    signals = np.zeros(2, dtype=[("values", "O"), ("label", "O")])
+    signals[:] = [(ANGLE[:, None], "q"), (TORQUE[:, None], "tau")]
+    savemat(tmp_path / "scope.mat", {"ScopeData": {"time": TIME[:, None], "signals": signals}})
+    series = {name: {"Time": TIME, "Data": each} for name, each in (("q", ANGLE), ("tau", TORQUE))}
+    savemat(tmp_path / "series.mat", {"data": series})
+    for name, torque in (("scope.mat", "ScopeData.signals.tau.values"), ("series.mat", "data.tau.Data")):
+        tables = read_tables(tmp_path / name)
+        found = entries_of(tables, guess_columns(tables), "").columns
+        assert found["external_torque"][0]["column"] == torque and "q" in found["q"][0]["column"]
+
+
+def test_a_drive_in_counts_has_a_speed_of_its_own_unit_and_a_large_current_is_remarked() -> None:
+    log = {"timestamp": TIME, "present_position": np.rint(652 * ANGLE + 2048), "present_velocity": np.rint(41 * SPEED),
+           "present_current": np.rint(300 * TORQUE)}  # fmt: skip
+    tables = {"": pandas.DataFrame(log)}
+    found = entries_of(tables, guess_columns(tables), "", Constants(counts_per_turn=4096, torque_constant=1.0))
+    assert "q_velocity" not in found.columns
+    current, left = found.remarks
+    assert "if it is in mA, call it 'present_current [mA]'" in current and left == "columns not used: present_velocity"
+    assert entries_of(tables, guess_columns(tables), "", Constants(4096, 1.0)).columns["external_torque"]

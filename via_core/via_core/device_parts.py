@@ -5,6 +5,7 @@ Springs are described in `via_core.springs`, dampers in `via_core.dampers`.
 
 from __future__ import annotations
 
+import re
 from functools import cached_property
 from math import tau
 from typing import Annotated, Any, Literal
@@ -179,10 +180,12 @@ class WireColumn(UnitColumn):
         return tau * (abs(self.scale) if self.unit else 1.0)
 
     def check_unit(self, channel: str) -> None:
-        """Raise ValueError where the unit does not fit the channel."""
+        """Raise ValueError where there is no such channel, or the unit does not fit it."""
+        units = {**UNITS, "time": "s", "motor": ""}
+        if channel not in units and re.sub(r"_[12]$", "", channel) not in units:
+            raise ValueError(f"columns.{channel}: no such channel; there are: {', '.join(sorted(units))}")
         if self.unit is None:
             return
-        units = {**UNITS, "time": "s"}
         own = units.get(channel) or units.get(channel.rpartition("_")[0], "")  # of tau_1: that of tau
         try:
             _ = self.factor

@@ -52,7 +52,8 @@ def fault_of(device: Device, samples: Samples, suspected: bool = False) -> Fault
     if not impossible:
         return None
     found = []
-    for fault, change in _changes(device, samples):
+    live = device.model_copy(update={"wire": device.wire.model_copy(update={"columns": {}})})  # messages have none
+    for fault, change in _changes(live, samples):
         after = [each.share(change) for each in equations]
         if all(each.known and not each.impossible for each in after):
             found.append((worst(after).unexplained, fault._replace(proven=True)))
@@ -74,7 +75,7 @@ def _unnamed(device: Device, samples: Samples, impossible: list[bool]) -> Fault:
         "the torques fit no motor and spring near those of the device file: "
         "check torque constants, units and the numbers of the device file"
     )
-    return Fault(subject if device.n_motors else "tau_link", text)
+    return Fault(subject if device.n_motors else [name for name, _ in _channels(device, samples)][-1], text)
 
 
 class FaultyTime(NamedTuple):
@@ -151,14 +152,22 @@ def _intervals(samples: Samples, length: float) -> list[tuple[float, float, Samp
 
 
 def _channels(device: Device, samples: Samples) -> Iterator[tuple[str, Array]]:
+    """Names and values (N,) of the channels; the torque of a rigid joint is named as the device file names it."""
     yield "q", samples.q
     if samples.command is not None:  # the logged angle of a servo is not used, and its preset may rest
         yield "equilibrium", samples.command[:, 0]
         return
     for i, column in enumerate(samples.theta.T):
         yield f"theta_{i + 1}", column
+    own = next((name for name in ("external_torque", "tau_1") if name in device.wire.columns), "tau")
     for i, column in enumerate(samples.torque.T):
-        yield f"tau_{i + 1}" if device.n_motors else "tau_link" if device.damper else "tau", column
+        yield f"tau_{i + 1}" if device.n_motors else "tau_link" if device.damper else own, column
+
+
+def _in_words(device: Device, channels: Sequence[str]) -> str:
+    """Channels with the columns of a recording that the device file assigns to them."""
+    columns = device.wire.columns
+    return ", ".join(f"{name} (column '{columns[name].column}')" if name in columns else name for name in channels)
 
 
 def _frozen(device: Device, samples: Samples) -> Fault | None:
@@ -179,46 +188,48 @@ def _frozen(device: Device, samples: Samples) -> Fault | None:
 def _changes(device: Device, samples: Samples) -> Iterator[tuple[Fault, Samples]]:
     """Each fault with the samples as they would be without it."""
     if samples.command is not None:
-        yield from _changes_of_servo(samples, samples.command)
+        yield from _changes_of_servo(device, samples, samples.command)
         return
     q, theta, torque = samples.q, samples.theta, samples.torque
-    tau = [name for name, _ in _channels(device, samples)][1 + theta.shape[1] :]
+    names = [name for name, _ in _channels(device, samples)]
+    angles, tau = names[: 1 + theta.shape[1]], names[1 + theta.shape[1] :]
+
+    def fault(channels: list[str], text: str) -> Fault:
+        return Fault(", ".join(channels), text.format(_in_words(device, channels)))
 
     def turned(values: Array, columns: list[int]) -> Array:
         return values * np.where(np.isin(np.arange(values.shape[1]), columns), -1.0, 1.0)
 
     wrong = "wrong sign of {}; reverse it in the driver or by `scale: -1` under wire.columns"
     for columns in [[i] for i in range(len(tau))] + ([[0, 1]] if len(tau) == 2 else []):
-        subject = ", ".join(tau[i] for i in columns)
-        if tau == ["tau"]:  # of a rigid link, only its relation to the angle is known
-            subject, wrong = "tau, q", "opposite signs of {}; reverse one of them (`scale: -1` under wire.columns)"
-        yield Fault(subject, wrong.format(subject)), samples._replace(torque=turned(torque, columns))
+        subject = [tau[i] for i in columns]
+        if not device.n_motors and not device.damper:  # of a rigid link, only its relation to the angle is known
+            subject, wrong = [*tau, "q"], "opposite signs of {}; reverse one of them (`scale: -1` under wire.columns)"
+        yield fault(subject, wrong), samples._replace(torque=turned(torque, columns))
     if device.n_motors:
-        yield Fault("q", wrong.format("q")), samples._replace(q=-q)
+        yield fault(["q"], wrong), samples._replace(q=-q)
         for columns in [[i] for i in range(theta.shape[1])] + ([[0, 1]] if theta.shape[1] == 2 else []):
-            subject = ", ".join(f"theta_{i + 1}" for i in columns)
-            yield Fault(subject, wrong.format(subject)), samples._replace(theta=turned(theta, columns))
+            subject = [f"theta_{i + 1}" for i in columns]
+            yield fault(subject, wrong), samples._replace(theta=turned(theta, columns))
     if theta.shape[1] == 2:
         swapped = "{0}_1 and {0}_2 are exchanged; exchange the two names or connectors"
         yield Fault("tau_1, tau_2", swapped.format("tau")), samples._replace(torque=torque[:, ::-1])
         yield Fault("theta_1, theta_2", swapped.format("theta")), samples._replace(theta=theta[:, ::-1])
-    subject = ", ".join(tau)
     for unit, scale in UNITS.items():
-        text = f"{subject} in {unit}, not in N m; convert (`scale: {scale:g}` under wire.columns)"
-        yield Fault(subject, text), samples._replace(torque=scale * torque)
-    angles = ", ".join(name for name, _ in _channels(device, samples))[: -len(subject) - 2]
+        text = f"{{}} in {unit}, not in N m; convert (`scale: {scale:g}` under wire.columns)"
+        yield fault(tau, text), samples._replace(torque=scale * torque)
     for unit, scale in ANGLES.items():
-        text = f"{angles} in {unit}, not in rad; convert (`scale: {scale:.7g}` under wire.columns)"
-        yield Fault(angles, text), samples._replace(q=scale * q, theta=scale * theta)
+        text = f"{{}} in {unit}, not in rad; convert (`scale: {scale:.7g}` under wire.columns)"
+        yield fault(angles, text), samples._replace(q=scale * q, theta=scale * theta)
 
 
-def _changes_of_servo(samples: Samples, command: Array) -> Iterator[tuple[Fault, Samples]]:
+def _changes_of_servo(device: Device, samples: Samples, command: Array) -> Iterator[tuple[Fault, Samples]]:
     """The same for a link angle and the commands of its servo: only their relation is known, not which one is wrong."""
-    both = "q, equilibrium"
-    text = "q and equilibrium have opposite signs; reverse one of them (`scale: -1` under wire.columns for q)"
+    both, q, goal = "q, equilibrium", _in_words(device, ["q"]), _in_words(device, ["equilibrium"])
+    text = f"{q} and {goal} have opposite signs; reverse one of them (`scale: -1` under wire.columns for q)"
     yield Fault(both, text), samples._replace(q=-samples.q)
     for unit, scale in ANGLES.items():
-        text = f"q in {unit}, not in rad; convert (`scale: {scale:.7g}` under wire.columns)"
+        text = f"{q} in {unit}, not in rad; convert (`scale: {scale:.7g}` under wire.columns)"
         yield Fault("q", text), samples._replace(q=scale * samples.q)
-        text = f"equilibrium in {unit}, not in rad; convert the command"
+        text = f"{goal} in {unit}, not in rad; convert the command"
         yield Fault("equilibrium", text), samples._replace(command=command * np.array([scale, 1.0]))

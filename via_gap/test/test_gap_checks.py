@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from via_core.bags.joints import JointRecording, StampReport
 from via_core.devices import load_device
+from via_core.encoder_steps import step_of
 from via_core.signals import Signals
 from via_gap.logs.breaks import LEFT
 from via_gap.logs.checks import check_log
 from via_gap.logs.log import JointLog
 from via_gap.logs.quality import SPANS
-from via_gap.logs.rounding import step_of
 
 REPORTS = (StampReport("/joint_states", 0, 1, 0, 0, 0, 1),)
 

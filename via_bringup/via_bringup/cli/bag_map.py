@@ -13,6 +13,7 @@ from via_core.recordings.entries import Constants
 from via_core.recordings.guess import ColumnGuess, guess_columns, guess_time
 from via_core.recordings.mapping_text import mapping_text
 from via_core.recordings.tables import is_bag, numbers, read_tables
+from via_core.recordings.unnamed import require_names
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.cli.options import CountsPerTurn, TorqueConstant
@@ -56,6 +57,7 @@ def map_file(
             ends = _range(frame, each.column)
             listing.add_row(each.column, each.quantity or "-", each.joint, each.unit, *ends, each.reason)
         answers.print(listing)
+    require_names(file, tables)
     seen = list(dict.fromkeys(guess.joint for guess in guesses if guess.quantity == "position"))
     if bag and "/joint_states" not in tables:
         answers.print(

@@ -19,6 +19,7 @@ from via_core.devices import Device
 from via_core.errors import ParameterError, SignalError, ViaError
 from via_core.recordings.guess import guess_time
 from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
+from via_core.recordings.unnamed import require_names
 from via_core.signals import Array, Indices, Signals
 from via_core.stamps import ordered
 from via_core.wire import LINK, MOTOR, UNITS
@@ -167,6 +168,7 @@ class _Source:
 
     def _lacking(self, what: str, tables: Tables) -> SignalError:
         """The error for a column that none of these tables has, with the remedy."""
+        require_names(self.file, tables)
         every = ((table, column) for table, frame in tables.items() for column in frame.columns)
         names = [f"{column} on {table}" if table else str(column) for table, column in every]
         there = ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")

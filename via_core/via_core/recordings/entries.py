@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from via_core.errors import SignalError
+from via_core.recordings.drive_law import with_whole_torque, without_partial_goals
 from via_core.recordings.guess import ColumnGuess, Quantity, guess_time, of_joint
 from via_core.recordings.tables import Tables, numbers
 from via_core.recordings.units import COUNTS, factor, is_linear
@@ -52,8 +53,10 @@ def entries_of(
     if "position" not in chosen:
         there = ", ".join(f"'{each.column}'" for each in guesses) or "none"
         raise SignalError(f"no column looks like a position; there are: {there}; name it under wire.columns as q")
-    found = _by_values(tables, chosen, constants.drive)
-    remarks, columns, explained = [], {}, set()
+    measured = "torque" in chosen or ("current" in chosen and constants.torque_constant is not None)
+    driven, remarks = (without_partial_goals if measured else with_whole_torque)(tables, chosen)
+    found = _by_values(tables, driven, constants.drive)
+    columns, explained = {}, set()
     time = guess_time(tables[chosen["position"].table], bag)
     if time is None:
         raise SignalError("no column of the recording increases like a time; add one, or name it under wire.columns")
@@ -65,6 +68,8 @@ def entries_of(
             channel = "external_torque"  # a logger's row holds what acts from then on; messages, what acted before
         if guess is None or channel in columns or (channel == "external_torque" and "tau_1" in columns):
             continue
+        if quantity == "velocity" and not guess.sure and COUNTS.fullmatch(chosen["position"].unit):
+            continue  # drives that report counts have units of speed of their own
         entry: dict[str, Any] = {"column": guess.column}
         if channel == "external_torque" and quantity != "torque command":
             entry["measured"] = True
@@ -91,6 +96,11 @@ def entries_of(
                 )
                 continue
             entry |= {"unit": guess.unit, "torque_constant": constants.torque_constant}
+        if guess.instead and quantity in ("position", "current"):
+            remarks.append(
+                f"column '{guess.column}' states no unit: {guess.reason.removesuffix('; check')}; if it is in "
+                f"{guess.instead}, call it '{guess.column} [{guess.instead}]' and repeat this command"
+            )
         columns[channel] = (
             entry,
             f"{guess.reason}{'' if guess.sure or 'check' in guess.reason else f'; taken as {guess.unit}'}",

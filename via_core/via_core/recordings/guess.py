@@ -16,13 +16,24 @@ import numpy as np
 
 from via_core.errors import SignalError
 from via_core.recordings.tables import Tables, numbers
-from via_core.recordings.units import COUNTS, factor, is_linear, is_unit, kind
+from via_core.recordings.unit_guess import (
+    UnitGuess,
+    are_alike,
+    slope_of,
+    unit_of_current,
+    unit_of_position,
+    unit_of_velocity,
+)
+from via_core.recordings.units import COUNTS, factor, is_unit, kind
 from via_core.signals import Array
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Quantity = Literal["time", "position", "velocity", "torque", "current", "position command", "torque command", ""]
+Quantity = Literal[
+    "time", "position", "velocity", "torque", "current", "position command", "velocity command", "torque command",
+    "feed-forward", "kp", "kd", "",
+]  # fmt: skip
 WORDS = {
     "time": {"time", "t", "stamp", "timestamp", "timestamps", "clock", "ts", "secs", "seconds", "zeit"},
     "position": {"position", "positions", "pos", "angle", "angles", "q", "qpos", "theta", "enc", "encoder", "phi"},
@@ -35,31 +46,35 @@ WORDS = {
         "command", "commands", "cmd", "commanded", "goal", "target", "desired", "des", "ref", "reference", "setpoint",
         "setpoints", "sp", "ctrl", "control", "u", "demand",
     },
+    "feed-forward": {"ff", "tff", "feedforward", "forward"},
+    "kp": {"kp"},
+    "kd": {"kd"},
     "neither": {"error", "err", "acc", "acceleration", "accelerations", "qdd", "ddq", "temperature", "temp", "voltage"},
 }  # fmt: skip
+STAMPS = WORDS["time"] - {"t"}  # at the end of a name: the time of another signal, as `tau.time`
 # Words that say what a signal is or where it is measured, not which joint it belongs to.
 OF_ANY_JOINT = {
     "joint", "link", "axis", "motor", "drive", "actuator", "output", "input", "actual", "act", "measured", "meas",
     "raw", "filtered", "filt",
 }.union(*WORDS.values())  # fmt: skip
+COMMANDS: dict[str, Quantity] = {"torque": "torque command", "current": "", "velocity": "velocity command"}
 MEASURED = ("position", "velocity", "torque", "current")
 UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N m", "current": "A", "position command": "rad",
-         "torque command": "N m"}  # fmt: skip
+         "velocity command": "rad/s", "torque command": "N m", "feed-forward": "N m", "kp": "N m/rad",
+         "kd": "N m s/rad"}  # fmt: skip
 KINDS = {"position": "angle", "velocity": "speed", "torque": "torque", "current": "current"}
-TURNS = 3.0  # turns beyond which the angle of a joint without known limits is in other units than rad
 NOISE_ROWS = 20_000  # rows that guesses look at
 # Units at the end of names without separators, as in `ElbowAngleDeg`.
 JOINED = {"Deg": "deg", "Rad": "rad", "Nm": "N m", "Rpm": "rpm", "Dps": "dps", "Ms": "ms", "Us": "us", "Sec": "s"}
-SPEEDS = {False: ("rad/s", "deg/s", "rpm", "turn/s"), True: ("m/s", "mm/s")}  # by whether a joint slides
-SPEED_ERROR = 0.2  # relative difference between a speed and the change of the position: their units differ more
 
 
 @dataclass(frozen=True)
 class ColumnGuess:
     """What one column of a table holds.
 
-    joint  name or number of the joint as text, '' if the name does not show it
-    sure   whether the unit is written in the file or belongs to the message type
+    joint    name or number of the joint as text, '' if the name does not show it
+    sure     whether the unit is written in the file or belongs to the message type
+    instead  the unit that fits as well; '' if more than the size of the numbers shows the unit
     """
 
     table: str
@@ -69,6 +84,7 @@ class ColumnGuess:
     unit: str
     sure: bool
     reason: str
+    instead: str = ""
 
 
 @dataclass(frozen=True)
@@ -127,7 +143,7 @@ def split_name(name: str) -> tuple[list[str], str]:
             text = tail[1].replace("_per_", "/")
             text = written.get(text.lower(), text)
             if (
-                text.lower() not in WORDS["velocity"] | WORDS["current"] | {"t", "q", "u", "e", "m"}
+                text.lower() not in WORDS["velocity"] | WORDS["current"] | {"t", "q", "u", "e", "m", "kd"}
                 and is_unit(text)
                 and (kind(text) or COUNTS.fullmatch(text))
             ):
@@ -150,7 +166,8 @@ def guess_columns(
 
     joints  names of the robot's joints, base first: whole names in a column's name, else words of them that no other
             joint has, or numbers counted from 0 or 1
-    limits  lowest and highest position [rad] of joints, which distinguish rad from deg
+    limits  lowest and highest position [rad] of joints, infinite where they turn on and on; '' is the joint of columns
+            without a name
     """
     found: list[ColumnGuess] = []
     everything = " ".join(_plain(str(name)) for frame in tables.values() for name in frame.columns)
@@ -165,45 +182,66 @@ def guess_columns(
         for guess in own:
             if guess.quantity:
                 try:
-                    values = numbers(frame, guess.column)[:NOISE_ROWS]
+                    empty = not np.isfinite(numbers(frame, guess.column)[:NOISE_ROWS]).any()
                 except SignalError:
                     guess = replace(guess, quantity="", reason="is not numeric")
                 else:
-                    guess = _by_values(guess, values, (limits or {}).get(guess.joint))
+                    guess = replace(guess, quantity="", reason="is empty") if empty else guess
             found.append(guess)
-    named = _numbered(found if joints else _by_word(_by_path(found)), joints)
-    return [_by_slope(guess, named, tables[guess.table], bag) for guess in named]
+    return _with_units(_numbered(found if joints else _by_word(_by_path(found)), joints), tables, limits or {}, bag)
 
 
-def _by_slope(guess: ColumnGuess, guesses: Sequence[ColumnGuess], frame: DataFrame, bag: bool) -> ColumnGuess:
-    """The guess of a speed without a stated unit, with the unit in which it is the change of its joint's position."""
-    position = next(
-        (e for e in guesses if (e.table, e.joint, e.quantity) == (guess.table, guess.joint, "position")), None
-    )
-    time = guess_time(frame, bag)
-    if (
-        guess.sure
-        or guess.quantity != "velocity"
-        or position is None
-        or time is None
-        or COUNTS.fullmatch(position.unit)
-    ):
-        return guess
-    t, q, v = (numbers(frame, name)[:NOISE_ROWS] for name in (time.column, position.column, guess.column))
-    there = np.isfinite(t) & np.isfinite(q) & np.isfinite(v)
-    t, q, v = t[there] * factor(time.unit), q[there] * factor(position.unit), v[there]
-    # Travel over half a second: encoder steps and the delay of a filtered speed do not matter.
-    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
-    apart = max(1, round(0.5 * time.rate))
-    moved, summed = q[apart:] - q[:-apart], travelled[apart:] - travelled[:-apart]
-    power = float(summed @ summed)
-    if power == 0.0:
-        return guess
-    ratio = float(moved @ summed) / power  # SI speed per unit of the column
-    unit = min(SPEEDS[is_linear(position.unit)], key=lambda each: abs(np.log(max(ratio, 1e-12) / factor(each))))
-    if abs(ratio / factor(unit) - 1.0) > SPEED_ERROR:
-        return replace(guess, reason=f"{guess.reason}; the position changes {ratio:.3g} times as fast; check")
-    return replace(guess, unit=unit, reason=f"{guess.reason}, unit by the change of the position")
+def _with_units(
+    guesses: Sequence[ColumnGuess], tables: Tables, limits: Mapping[str, tuple[float, float]], bag: bool
+) -> list[ColumnGuess]:
+    """The guesses with units that fit the values, where names state none: positions first, then what refers to them."""
+    found = list(guesses)
+    for quantity in ("position", "velocity", "position command", "current"):
+        for at, guess in enumerate(found):
+            if guess.quantity == quantity and not guess.sure:
+                own = _OfJoint(guess, [each for each in found if each.table == guess.table], tables, bag)
+                seen = own.unit(limits.get(guess.joint))
+                found[at] = replace(guess, unit=seen.unit, reason=seen.reason, instead=seen.instead)
+    return found
+
+
+@dataclass(frozen=True)
+class _OfJoint:
+    """A column without a unit, and the columns beside it."""
+
+    guess: ColumnGuess
+    beside: Sequence[ColumnGuess]
+    tables: Tables
+    bag: bool
+
+    def unit(self, limits: tuple[float, float] | None) -> UnitGuess:
+        """The unit of the column; `limits` of the position of its joint [rad]."""
+        guess, position, velocity = self.guess, self._of("position"), self._of("velocity")
+        if guess.quantity == "current":
+            return unit_of_current(self._values(guess), guess.reason)
+        if guess.quantity == "velocity":
+            slope = None if position is None else self._slope(position, guess)
+            return unit_of_velocity(guess.unit, guess.reason, None if position is None else position.unit, slope)
+        if guess.quantity == "position":
+            slope = None if velocity is None else self._slope(guess, velocity)
+            stated = velocity.unit if velocity is not None and velocity.sure else ""
+            return unit_of_position(self._values(guess), limits, slope, stated)
+        if position is not None and are_alike(self._values(guess), self._values(position)):
+            return UnitGuess(position.unit, f"as large as '{position.column}', so in its unit")
+        return unit_of_position(self._values(guess), limits)
+
+    def _of(self, quantity: Quantity) -> ColumnGuess | None:
+        return next((e for e in self.beside if (e.joint, e.quantity) == (self.guess.joint, quantity)), None)
+
+    def _values(self, guess: ColumnGuess) -> Array:
+        return numbers(self.tables[guess.table], guess.column)[:NOISE_ROWS]
+
+    def _slope(self, position: ColumnGuess, velocity: ColumnGuess) -> float | None:
+        time = guess_time(self.tables[position.table], self.bag)
+        if time is None:
+            return None
+        seconds = numbers(self.tables[position.table], time.column)[:NOISE_ROWS] * factor(time.unit)
+        return slope_of(seconds, self._values(position), self._values(velocity), time.rate)
 
 
 def _plain(name: str) -> str:
@@ -251,10 +289,16 @@ def _by_name(
         quantity = by_unit  # type: ignore[assignment]
     if quantity and unit and kind(unit) == "time":
         unit = ""  # the end of a name that looks like seconds is no unit of a signal
-    if said["command"] and not said["neither"]:
-        quantity = {"torque": "torque command", "current": "", "velocity": ""}.get(quantity, "position command")  # type: ignore[assignment]
-    if said["neither"]:
+    gain = "kp" if said["kp"] else "kd" if said["kd"] else ""
+    if said["neither"] or (words and words[-1] in STAMPS):
         quantity = ""
+    elif gain:
+        quantity = "" if quantity else gain  # type: ignore[assignment]  # of a position loop alone: pos_kp
+    elif said["feed-forward"]:
+        quantity = "feed-forward" if quantity == "torque" or (not quantity and _of_torque(words)) else ""
+    elif said["command"]:
+        motion = "velocity" if quantity == "" and "v" in words else quantity  # p_des, v_des
+        quantity = COMMANDS.get(motion, "position command")
     number = [word for word in words if word.isdigit()]
     joint = named[0] if named else number[-1] if number else ""
     sure = bool(unit) or (bag and "." in column)
@@ -264,27 +308,9 @@ def _by_name(
     return ColumnGuess(table, column, quantity, joint, unit, sure, reason)
 
 
-def _by_values(guess: ColumnGuess, values: Array, limits: tuple[float, float] | None) -> ColumnGuess:
-    """The guess with a unit that fits the values, where the name states none."""
-    there = values[np.isfinite(values)]
-    if len(there) == 0:
-        return replace(guess, quantity="", reason="is empty")
-    if guess.sure or guess.quantity not in ("position", "position command", "velocity"):
-        return guess
-    size = float(np.abs(there).max())
-    if guess.quantity == "velocity":
-        return guess
-    if limits is not None and np.all(np.isfinite(limits)) and limits[1] > limits[0]:
-        most = 1.1 * max(abs(limits[0]), abs(limits[1]))
-        unit, why = ("rad", "within") if size <= most else ("deg", "beyond")
-        if size > np.degrees(most):
-            return replace(guess, unit="counts", reason="beyond the limits of the joint in degrees: counts; check")
-        return replace(guess, unit=unit, reason=f"{why} the limits of the joint in rad")
-    if size <= TURNS * 2.0 * np.pi:
-        return replace(guess, reason=f"at most {size:.3g}, taken as rad; check")
-    if np.all(there == np.rint(there)) and size > 720.0:
-        return replace(guess, unit="counts", reason=f"integers up to {size:.0f}, taken as counts; check")
-    return replace(guess, unit="deg", reason=f"up to {size:.3g}, taken as deg; check")
+def _of_torque(words: Sequence[str]) -> bool:
+    """Whether the words of a feed-forward leave a torque, as `t_ff`: neither a speed, nor what is not known."""
+    return all(word.isdigit() or word in {"t", *OF_ANY_JOINT} for word in words)
 
 
 def _by_path(guesses: list[ColumnGuess]) -> list[ColumnGuess]:

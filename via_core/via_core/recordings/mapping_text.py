@@ -89,6 +89,8 @@ def _why_not(guess: ColumnGuess, constants: Constants, device: str) -> str:
     """Why a column cannot be mapped; '' if it can."""
     if not guess.quantity:
         return "not recognised"
+    if guess.quantity not in {*QUANTITIES, *COMMANDS}:
+        return f"a {guess.quantity}, which no message holds"
     if guess.quantity in COMMANDS and not device:
         return "a command; add --device to map it"
     if COUNTS.fullmatch(guess.unit) and constants.counts_per_turn is None:

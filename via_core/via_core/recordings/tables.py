@@ -158,6 +158,10 @@ def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
         if isinstance(value, Mapping):
             yield from _leaves(value, f"{prefix}{name}.")
             continue
+        if isinstance(value, (list, np.ndarray)) and len(value) and all(isinstance(each, Mapping) for each in value):
+            called = [str(each.get("label") or k) for k, each in enumerate(value)]  # of signals in a Simulink structure
+            yield from _leaves(dict(zip(called, value, strict=True)), f"{prefix}{name}.")
+            continue
         try:
             array = np.asarray(value)
         except ValueError:  # ragged

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 
 import numpy as np
 from via_core.device_parts import TorqueMotor
+from via_core.encoder_steps import step_of
 from via_core.faults import faulty_time
 from via_core.modulated_rows import Samples
 
 from via_gap.logs.breaks import LEFT
 from via_gap.logs.findings import Finding, worst_first
 from via_gap.logs.log import ERRATIC, JointLog, jumps
-from via_gap.logs.rounding import step_of
 
 SHORTEST = 0.5  # [s] two segments; short recordings are fitted together
 SLOWEST = 50.0  # [Hz]

@@ -12,11 +12,12 @@ from math import exp, pi, sqrt
 from typing import Literal
 
 import numpy as np
+from via_core.encoder_steps import step_of
 from via_core.signals import Array
 
 from via_gap.logs.levels import STANDARD_ERRORS, Level, levels, share_shown
 from via_gap.logs.log import JointLog
-from via_gap.logs.rounding import correlation, distances, mean_variance, step_of
+from via_gap.logs.rounding import correlation, distances, mean_variance
 
 How = Literal["residuals", "rounding only", "smoothed", "standstill", "too short"]
 STEPPED = 1.0  # encoder steps crossed within a window: all positions within a step are then met

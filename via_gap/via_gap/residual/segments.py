@@ -13,6 +13,7 @@ from math import ceil
 
 import numpy as np
 from scipy.signal import savgol_filter
+from via_core.encoder_steps import step_of
 from via_core.errors import SignalError
 from via_core.signals import Array, Mask
 from via_core.signals import Indices as Indices
@@ -22,7 +23,7 @@ from via_gap.logs.between import in_lines
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import LogNoise, error_correlation, log_noise, torque_densities
 from via_gap.logs.quality import SEGMENT, SPANS, Quality
-from via_gap.logs.rounding import interpolated, mean_variance, step_of, variances
+from via_gap.logs.rounding import interpolated, mean_variance, variances
 from via_gap.logs.start import FIRST
 from via_gap.residual.cuts import RESTING, begins, inside, rest_from
 from via_gap.residual.driven import drive_rows, measured_columns

@@ -15,6 +15,7 @@ from via_core.recordings.channels import joint_of
 from via_core.recordings.entries import Constants, entries_of, linear
 from via_core.recordings.guess import ColumnGuess, guess_columns
 from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
+from via_core.recordings.unnamed import require_names
 from via_core.robots.description import (
     GUESS,
     RATE,
@@ -56,7 +57,7 @@ def describe(
 
         robot = read_robot(model)
         joint = robot.joint(joint if joint or len(robot.joints) != 1 else robot.joints[0].name).name
-    recorded = None if log is None else Recorded.of(log, robot)
+    recorded = None if log is None else Recorded.of(log, robot, joint, constants.joint)
     made = described(command, robot, joint, recorded, at, constants)
     if robot is not None:
         made.remarks += rigid_springs(robot, joint)
@@ -77,11 +78,18 @@ class Recorded:
         return is_bag(self.path)
 
     @staticmethod
-    def of(path: Path, robot: Robot | None) -> Recorded:
-        """The recording; the joints of the robot and their limits help to guess."""
+    def of(path: Path, robot: Robot | None, joint: str = "", called: str = "") -> Recorded:
+        """The recording; the joints of the robot and their limits help to guess.
+
+        Columns without the name of a joint, and those of the joint `called` in the recording, belong to `joint`.
+        """
         joints = [] if robot is None else [each.name for each in robot.joints]
-        limits = {} if robot is None else {each.name: (each.low, each.high) for each in robot.joints}
+        turning = [] if robot is None else [each for each in robot.joints if each.kind == "revolute"]
+        limits = {each.name: (each.low, each.high) for each in turning}
+        if joint in limits:
+            limits |= {"": limits[joint], called: limits[joint]}
         tables = read_tables(path)
+        require_names(path, tables)
         return Recorded(path, tables, guess_columns(tables, joints, limits, is_bag(path)))
 
 
@@ -195,7 +203,7 @@ def _choose_drive(made: Description) -> None:
         columns["tau_1"] = {key: value for key, value in entry.items() if key != "measured"}, why
     if torque and "equilibrium" not in columns and made.drive == "position":
         made.drive = "torque"
-        made.remarks.append("the recording has torques and no goals: the position drive of the model is left out")
+        made.remarks.append("the torques of the recording drive the joint: the position drive of the model is left out")
     if torque and made.drive == "torque":
         columns.pop("equilibrium", None)
     elif not torque and "equilibrium" in columns and made.drive == "torque":
@@ -203,7 +211,10 @@ def _choose_drive(made: Description) -> None:
         if "inertia" in made.numbers:
             guess_gains(made)
     elif not torque and "equilibrium" not in columns:
-        made.remarks.append("the recording has neither torques nor goals: a diagnosis needs one of them")
+        made.remarks.append(
+            "the recording has neither torques nor goals: a diagnosis needs one of them; enter the voltage of a motor "
+            "under wire.columns as external_torque with scale kt / R, and add kt^2 / R to viscous_friction"
+        )
     if made.drive == "torque":
         for name in ("kp", "kd", "torque_limit", "delay"):
             made.numbers.pop(name, None)

@@ -14,12 +14,12 @@ from math import sqrt
 
 import numpy as np
 from via_core.device_parts import TorqueMotor
+from via_core.encoder_steps import step_of
 from via_core.signals import Array
 from via_sim.effects import Effect
 
 from via_gap.logs.checks import COARSE
 from via_gap.logs.log import JointLog
-from via_gap.logs.rounding import step_of
 from via_gap.residual.segments import angle_of
 
 SURE = 8.0  # standard deviations from which a gain or bias error is significant
