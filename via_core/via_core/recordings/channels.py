@@ -177,7 +177,9 @@ class _Source:
 
 
 def _channel(parts: re.Match[str]) -> Channel:
-    return parts[1] or parts[2], int(parts[3] or 0)
+    """Name and number of a channel; one of the motors without a number is that of the first."""
+    name = parts[1] or parts[2]
+    return name, int(parts[3] or (name in (*MOTOR, "motor")))
 
 
 def _unread(tables: Tables, columns: Mapping[Channel, tuple[str, WireColumn]]) -> tuple[str, ...]:
