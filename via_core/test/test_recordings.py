@@ -522,6 +522,12 @@ def test_a_recording_without_a_time_gives_one_line(tmp_path: Path, rows: str) ->
         read_joint(tmp_path / "a.csv", load_device("visco_elastic_demo"))
 
 
+def test_a_channel_of_motors_without_a_number_is_that_of_the_first(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("time,q,theta,tau\n0,.1,.2,.3\n.01,.4,.5,.6\n", encoding="utf-8")
+    found = read_joint(tmp_path / "a.csv", load_device("visco_elastic_demo")).measured
+    assert found["theta"].tolist() == [[0.2], [0.5]] and found["tau"].tolist() == [[0.3], [0.6]]
+
+
 @pytest.mark.parametrize(("name", "remedy"), [("a.csv", "sed -i '1i NAME1;NAME2;NAME3' "), ("a.npy", "numpy.savez(")])
 def test_columns_without_names_need_names(tmp_path: Path, name: str, remedy: str) -> None:
     file, table = tmp_path / name, np.stack([TIME, ANGLE, TORQUE], axis=1)
