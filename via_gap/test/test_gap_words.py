@@ -9,7 +9,7 @@ from via_gap.rendering.names import place_words, plain, site_words, where_words
 from via_gap.rendering.numbers import chance, number, percent, prefix, prefixed, tick_words, ticks, with_sd
 from via_gap.rendering.text import text
 from via_gap.rendering.words import boxes, cautions, headline, next_steps, remainder
-from via_gap.report.report import Combination, Where
+from via_gap.report.report import Combination, Value, Where
 
 HEADLINES = {
     "effect": "Backlash in transmission 1 explains the gap: 97 % of the explainable error.",
@@ -241,6 +241,21 @@ def test_well_known_combinations_are_beside_the_parameters():
     moment = Combination(expression="mass * distance", value=0.225, sd=0.013, unit="kg m")
     shown = values_words(cause(BACKLASH, 0.9).model_copy(update={"combinations": (moment,)}))
     assert shown == ("gap 0.0200 ± 0.0001 rad", "mass · distance 0.23 ± 0.01 kg m")
+
+
+def test_what_only_combinations_determine_has_no_number():
+    """Of a payload on a vertical axis the inertia alone is seen: five kilograms plus or minus ten tons are none."""
+    mass, distance = (
+        Value(value=value, sd=1e4, unit=unit, low=0.0, high=1e6, neutral=0.0)
+        for value, unit in ((5.2, "kg"), (0.1, "m"))
+    )
+    moment = Combination(expression="mass * distance", value=0.5, sd=800.0, unit="kg m")
+    inertia = Combination(expression="mass * distance^2", value=0.09, sd=0.01, unit="kg m^2")
+    parts = {"parameters": {"mass": mass, "distance": distance}, "combinations": (moment, inertia)}
+    shown = values_words(cause(BACKLASH, 0.9).model_copy(update=parts))
+    assert shown == ("mass · distance² 0.09 ± 0.01 kg m²", "mass and distance not determined separately")
+    alone = values_words(cause(BACKLASH, 0.9).model_copy(update={**parts, "combinations": ()}))
+    assert "5 ± 10000 kg" in alone[0]  # nothing better is known
 
 
 def test_numbers_have_no_exponents_and_few_digits():

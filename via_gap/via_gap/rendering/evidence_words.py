@@ -28,7 +28,10 @@ def names_causes(report: GapReport) -> bool:
 
 
 def values_words(cause: Cause) -> tuple[str, ...]:
-    """Every parameter with its standard deviation, harmonic by harmonic, then combinations that are better known."""
+    """Every parameter with its standard deviation, harmonic by harmonic, then combinations that are better known.
+
+    Beside such combinations, what may as well be zero or twice as large has no number.
+    """
     shown = {name: f"{name} {with_sd(v.value, v.sd, v.unit)}" for name, v in cause.parameters.items()}
     for name in cause.parameters:
         kind, _, count = name.partition("_")
@@ -38,10 +41,12 @@ def values_words(cause: Cause) -> tuple[str, ...]:
             first = order.removesuffix(" 1/rev")
             shown[name] = f"order {first}: amplitude {amplitude}, phase {phase}"
             del shown[harmonic[1]], shown[harmonic[2]]
-    combined = [
-        f"{raised(c.expression).replace('*', '·')} {with_sd(c.value, c.sd, c.unit)}" for c in cause.combinations
-    ]
-    return (*shown.values(), *combined)
+    combined = {raised(c.expression).replace("*", "·"): c for c in cause.combinations}
+    known = {name: c for name, c in combined.items() if c.sd < abs(c.value)}
+    unknown = [name for name, v in cause.parameters.items() if known and 0.0 < abs(v.value) <= v.sd]
+    said = [text for name, text in shown.items() if name not in unknown]
+    said += [f"{name} {with_sd(c.value, c.sd, c.unit)}" for name, c in known.items()]
+    return (*said, *([f"{listed(unknown)} not determined separately"] if unknown else []))
 
 
 def evidence(report: GapReport, cause: Cause) -> str:
