@@ -38,9 +38,10 @@ def test_parts_of_named_effects_follow_what_each_explains():
 
 def test_a_refuted_decision_keeps_nothing_of_its_repair():
     model, tuned = evaluated([4.0] * 8, COULOMB, BACKLASH), evaluated([9.0] * 8)
-    decision = Decision("main_effect", model, 0.9, without=(100.0, 16.0), transfer={"speed": 0.1}).refuted(tuned)
+    decision = Decision("main_effect", model, 0.9, without=(100.0, 16.0), transfer={"speed": 0.1})
+    decision = decision.refuted(tuned, "no reason")
     assert (decision.verdict, decision.named, decision.equivalent) == ("cannot_tell", (), ())
-    assert decision.without == () and decision.transfer == {} and decision.reason
+    assert decision.without == () and decision.transfer == {} and decision.reason == "no reason"
 
 
 def test_a_fit_in_another_order_keeps_each_effect_with_its_covariance():

@@ -42,16 +42,10 @@ def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, .
 
 
 def shapes(location: Location, values: Sequence[float], scales: Scales, device: Device) -> list[list[float]]:
-    """An effect of the same size with the nonlinear parameters of each of its starts.
-
-    Starts of several sizes say that the motion does not depend linearly on them: these keep their own.
-    """
+    """An effect of the same size with the nonlinear parameters of each of its starts."""
     found: list[list[float]] = []
-    made = starts(location, scales, device)
-    names = size_parameters(location)
-    alike = len({tuple(start.directions[0][name] for name in names) for start in made}) == 1
-    for start in made:
-        linear = {*start.scaled, *start.through, *(("amplitude", "phase") if start.wave else ())} if alike else {}
+    for start in starts(location, scales, device):
+        linear = {*start.scaled, *start.through, *(("amplitude", "phase") if start.wave else ())}
         pairs = zip(location.parameters, values, strict=True)
         shape = [value if p.name in linear else start.directions[0][p.name] for p, value in pairs]
         if shape not in (*found, list(values)):

@@ -153,7 +153,7 @@ class Search:
 
         Far from a model that explains the motion, the prediction ranks them wrongly; one step shows by how much. Where
         device parameters are far from their values, so does the step: the best predictions are fitted as well. Of what
-        is fitted, every start takes a step: from a wall that hardly yields, another one leads to another minimum.
+        is fitted, every start takes a step: of a hard wall, a fit does not pass from one minimum to the next.
         """
 
         def steps(some: Iterable[Members]) -> list[Fit]:
