@@ -1,13 +1,12 @@
 """Device parameters that the effects of a model contain.
 
-The motion shows the sum of the inertia in the device file and of what `link_inertia` adds to it. While that effect is
-in the model, the device parameter keeps its filed value, and the effect takes up its error. At the least loss its
-offset is zero anyway, because only the offset counts in it; a fit of both would end anywhere between. The tolerance of
-the filed value is added to the covariance of the effect.
+Example: the motion shows only the sum of the inertia in the device file and of `link_inertia`. A joint fit of both is
+ill-conditioned and would stop anywhere. So while the effect is in the model, the device parameter keeps its filed
+value, and the effect contains the error of that value. This is also where the loss is least, because the loss penalises
+only the offset of the device parameter. The tolerance of the filed value is added to the covariance of the effect.
 
-An effect contains a device parameter if every small change of the latter is, in the parameter row, a change of the
-effect's own parameters. Parameters whose range ends at the neutral value (a mass, a dry friction) take up no error of
-either sign near that end.
+An effect contains a device parameter if it can reproduce every small change of it in the parameter row. Parameters
+whose range ends at the neutral value (a mass, a dry friction) cannot compensate errors of both signs near that end.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A fit continued to convergence, with standard deviations that include what a fit in the search leaves out.
 
-In the search, segments start where they were measured, and errors of the starts count to first order. Here they start
-where they most likely did under the fit (residual/likely_starts.py).
+In the search, segments start from their measured states, and errors of these states are included to first order. Here
+segments start from the most likely states under the fit (residual/likely_starts.py).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The best fits, repeated with more terms of their effects.
 
-A periodic effect has several orders (periodic.py), others have further terms (`EffectKind.further`). Friction of a gear
-also depends on the torque from its other side, and is larger near standstill. A joint that rests under a load shows
-these terms; without them the simulated joint creeps. Terms are tried in every fit that may be the answer: with more
-terms in one of two rivals, it would win by them.
+A periodic effect has several orders (periodic.py), others have further terms (`EffectKind.further`). Example: friction
+of a gear also depends on the torque from its other side, and is larger near standstill. Without these terms, a
+simulated joint creeps where the real one rests under a load. Terms are tried in every fit that may be the answer.
+Otherwise one of two rivals would win only because it has more terms.
 """
 
 from __future__ import annotations

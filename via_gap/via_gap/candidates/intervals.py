@@ -1,9 +1,10 @@
 """The interval of a run in which an effect explains most: fits of effects that begin and end start there.
 
-Each segment starts at its measured state, so an effect that acts for some time changes the segments of that time alone.
-Of every amount that is best for one segment, the gain of each segment follows from the change that a small amount
-makes, taken as linear. The interval is the one with the largest sum of gains. Its loss is that of the fits, where a
-segment that nothing explains does not hide the others.
+Each segment starts at its measured state, so an effect that acts for some time changes only the segments of that time.
+The response of every segment to a small amount of the effect is taken as linear. The amounts that are tried are those
+that are best for one segment. For each, the gain of every segment is computed, and the interval is the one with the
+largest sum of gains. The gain is that of the loss of the fits, in which a segment that nothing explains does not hide
+the others.
 
 Source: largest sum of neighbours, J. Bentley, Programming pearls: algorithm design techniques, Communications of the
 ACM 27 (1984).

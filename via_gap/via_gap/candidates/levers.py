@@ -1,6 +1,6 @@
 """Coordinates in which masses at a distance act linearly: m l and m l^2 in place of mass m and distance l.
 
-A log that shows neither m nor l alone leaves a curved valley of pairs (m, l), along which no straight step leads.
+If a log determines neither m nor l alone, the loss has a curved valley in (m, l). A straight step leaves the valley.
 """
 
 from __future__ import annotations

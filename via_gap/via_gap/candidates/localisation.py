@@ -1,9 +1,10 @@
 """Location of the gap before any cause is known: equation, site, and region of the motion.
 
-A torque that is missing in the equation of the link alone belongs to the link, in that of one motor alone to that
-motor. An error of a transmission acts on both of its sides with opposite sign. The second moments of the residuals are
-therefore a non-negative combination of a few patterns, and the weights are the energy of each site. Errors without a
-pattern (of both motors at once, of the link angle in every equation) may belong to sensors, timing or commands.
+A torque that is missing only in the equation of the link belongs to the link, and only in that of one motor, to that
+motor. An error of a transmission acts on both of its sides with opposite sign. So each site gives the second moments of
+the residuals a pattern of its own. The measured moments are fitted by a non-negative combination of these patterns, and
+the weights are the energy of each site. Errors without a pattern (of both motors at once, of the link angle in every
+equation) may belong to sensors, timing or commands.
 """
 
 from __future__ import annotations

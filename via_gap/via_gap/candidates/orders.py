@@ -4,8 +4,9 @@ from the error of the simulation.
     missing(angle) = sum_k amplitude_k sin(order_k angle + phase_k) + rest
 
 An encoder error also changes the start of every segment, so its sine and cosine of each order are simulated once.
-Orders are added one by one: the one whose sine and cosine explain most of the rest, then all amplitudes are fitted
-again (orthogonal matching pursuit). The selection ends if the next order explains less than MATERIAL of the rest.
+Orders are added one by one (orthogonal matching pursuit). Each time, the order whose sine and cosine explain most of
+the rest is added, and all amplitudes are fitted again. The selection ends if the next order explains less than MATERIAL
+of the rest.
 
 Source: Y. C. Pati, R. Rezaiifar, P. S. Krishnaprasad, Orthogonal matching pursuit, Asilomar Conference (1993).
 """

@@ -1,7 +1,8 @@
 """Fits with a periodic effect of one order, repeated with all orders that the residual shows.
 
-An encoder error has whole periods per turn. So has a torque ripple, unless a gear is between the rotor and the angle
-that is measured; it is fitted with whole orders, which stay, and with free ones.
+The number of periods per turn (the order) of an encoder error is whole. That of a torque ripple is whole too, unless a
+gear is between the rotor and the measured angle. A ripple is therefore fitted twice: with whole orders, which are not
+changed by the fit, and with free ones.
 """
 
 from __future__ import annotations

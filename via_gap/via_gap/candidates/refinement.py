@@ -1,7 +1,7 @@
 """Fits of candidates' effects together with the device parameters, by Gauss-Newton steps, many side by side.
 
-Steps stay inside the bounds. A line search on the simulation accepts only points with a lower loss. One fit simulates a
-few rows at a time, which leaves most lanes of a block idle; so fits that do not depend on one another take their steps
+Steps stay inside the bounds. A line search on the simulation accepts only points with a lower loss. One fit alone
+simulates few rows at a time, and most lanes of a block would be idle. Independent fits therefore take their steps
 together.
 """
 

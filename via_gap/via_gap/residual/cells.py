@@ -1,6 +1,6 @@
 """What the equations of a joint need of the cell about a sample: shifted angles, mean friction, mean goal of a drive.
 
-The cell of a sample reaches halfway to its neighbours. Commands are held over it, and friction may change its sign.
+The cell of a sample reaches halfway to its neighbours. Commands are constant in it, and friction may change its sign.
 """
 
 from __future__ import annotations

@@ -1,25 +1,25 @@
 """Commands that the log lacks for a moment: what may have acted instead, as noise of the simulation.
 
-A command that was not recorded either acted or was never sent. In the first case it was anywhere between its two
-neighbours, give or take the usual step from one command to the next; in the second the last one stayed. Let a change d
-between its neighbours come at any time in the gap. Of n pieces of the gap, the mean of what acted less what stayed has
-the second moments
+A command that is not in the log was either sent but not recorded, or never sent. In the first case it was anywhere
+between its two neighbours, give or take the usual step from one command to the next. In the second case the last
+command remained. The simulation keeps the last command. Let the change d between the neighbours come at any time in the
+gap, and divide the gap into n pieces. The mean error of the command in each piece then has the second moments
 
     C_ij = d^2 (min(i, j) - 1/2) / n,   C_ii = d^2 (i - 2/3) / n,   i, j = 1 .. n
 
-and each piece the usual step s besides. With C = d^2 V L V', pieces of pulse k are V_ik sqrt(d^2 L_k + s^2), of unknown
-sign; a gap of one piece has one pulse of sqrt(d^2 / 3 + s^2).
+to which the variance s^2 of the usual step is added in each piece. With C = d^2 V L V', pulse k has the heights
+V_ik sqrt(d^2 L_k + s^2) in the pieces i, with unknown sign. A gap of one piece has one pulse of sqrt(d^2 / 3 + s^2).
 
-Where a controller is faster than the log, commands between two samples are not recorded (logs/between.py). A step of d
-came at any time in the interval T between its samples. The simulation has it halfway, and its integral is wrong by d T
+If a controller is faster than the log, commands between two samples are not recorded (logs/between.py). A step of d
+came at any time in the interval T between its samples. The simulation has it halfway, so its integral is wrong by d T
 times a number that is uniform from -1/2 to 1/2. Half of that variance is in a pulse before the middle, half in one
-after it, each of sd d / sqrt(6): a drive at its torque limit responds to one of them alone.
+after it, each of sd d / sqrt(6). There are two pulses because a drive at its torque limit responds to only one of them.
 
-Where the log has every command, its stamps may still be wrong: they say when a sample was written, not when the command
-was sent. A periodic sender shows by how much, with standard deviation s (`stamp_jitter`). The integral of a step of d
-is then wrong by d s, half of that variance in a pulse before its stamp and half in one after it.
+If the log has every command, its stamps may still be wrong: they show when a sample was written, not when the command
+was sent. A periodic sender shows the standard deviation s of this error (`stamp_jitter`). The integral of a step of d
+is then wrong by d s. Half of that variance is in a pulse before its stamp, half in one after it.
 
-The effect of each pulse on a segment, by simulation, joins that of the unknown start (rollout.py).
+The simulated response of a segment to each pulse is added to the uncertainty of its start (rollout.py).
 """
 
 from __future__ import annotations

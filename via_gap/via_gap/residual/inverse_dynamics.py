@@ -6,10 +6,10 @@ for every axis whose equation the signals allow: the link, and each motor. `equa
 effect as in the simulator. psi modulates windows (via_core.weak_form), so that no angle is differentiated.
 
 If measured torque does not predict the motion (a controller moves a light motor evenly; an arm is held upright),
-simulated segments favour any effect that keeps the model at rest, and models are compared in this view alone. Its own
-trivial minimum is a model in which neither drive nor inertia acts. There are two guards: missing torque is divided by
-the gain of the drive (`gain` above), and this view is not used alone if no model predicts the drive's torque better
-than its mean does (`baseline`).
+simulated segments favour any effect that keeps the model at rest. Models are then compared by inverse dynamics alone.
+Inverse dynamics has a trivial minimum too: a model in which neither drive nor inertia acts. There are two guards.
+Missing torque is divided by the gain of the drive (`gain` above), and inverse dynamics is not used alone if no model
+predicts the drive's torque better than its mean does (`baseline`).
 """
 
 from __future__ import annotations

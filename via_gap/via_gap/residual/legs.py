@@ -1,9 +1,9 @@
 """Runs of several logs, simulated in the same blocks of lanes.
 
-A block costs as much with one run as with LANES of them (`via_sim.lockstep`), so a few runs of each of many short logs
-would leave most lanes idle. A log describes its runs as an iterator of legs: stretches of equal length, between which
-it sets states anew. Legs of several logs are computed by one call; those of a log with enough runs to fill its blocks
-are not mixed with others.
+A block costs as much with one run as with LANES runs (`via_sim.lockstep`), so a few runs of each of many short logs
+would leave most lanes idle. A log describes its runs as an iterator of *legs*: parts of equal length, between which it
+resets states. One call computes the legs of several logs. A log with enough runs to fill its blocks is not mixed with
+others.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Most likely starts: of every segment under a model, and of motors without an encoder when a log begins.
 
-A start lies d standard deviations beside the measured one. With the errors e(d) of a simulation in units of their
-noise, the most likely d minimises |e(d)|^2 + |d|^2. Found by Gauss-Newton steps with finite differences.
+Let d be the difference of a start from the measured one, in standard deviations, and e(d) the errors of the simulation,
+in units of their noise. The most likely d minimises |e(d)|^2 + |d|^2. It is found by Gauss-Newton steps with finite
+differences.
 
-Linearised about the measured start, errors are wrong by far where the motion is sensitive to it: a slow axis with a
-torque ripple of many periods stops in one of them or in the next.
+A linearisation about the measured start is not sufficient where the motion is sensitive to it. Example: a slow axis
+with a torque ripple of many periods stops in one of them or in the next.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@
     behind = goals_along(rows, commands, measured, ticks)   # (K, n, 3)
 
 A segment starts from measured angles, but the torque of such an element depends on all reversals since it last slipped,
-maybe seconds ago. Its equation, as in the simulator (`remember`), is therefore integrated along the measured angles
-from the beginning of the log, once per parameter row. The goal of a position drive, which is behind its command because
-of a speed limit or a lag, is integrated along the commands in the same way, and so is the integral of its error.
+perhaps seconds ago. Its equation, as in the simulator (`remember`), is therefore integrated along the measured angles
+from the beginning of the log, once per parameter row. The goal of a position drive lags behind its command because of a
+speed limit or a filter. It is integrated along the commands in the same way, and so is the integral of the error.
 """
 
 from __future__ import annotations

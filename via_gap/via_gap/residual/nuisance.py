@@ -1,15 +1,16 @@
 """Nuisance parameters: the device parameters, which are known only within tolerances.
 
 Every candidate cause is fitted together with them, so that an error of 5 % in an inertia is neither mistaken for an
-effect nor compensated by one. They are bounded, because both views have a trivial minimum in which all terms vanish,
-and because a parameter far from its filed value is a finding. The device with its fitted parameters and the named
-effects is the repaired model.
+effect nor compensated by one. They are bounded for two reasons: simulation and inverse dynamics have a trivial minimum
+in which all terms vanish, and a parameter far from its filed value is an effect that has to be named. The repaired
+model is the device with its fitted parameters and the named effects.
 
-Three more belong to the recording, so that no repaired device contains them. A position drive with integral action has
-the torque of its integral when the recording began. A goal acts at some time between the sample that shows it and the
-next, or the one before: up to half a sample of delay is known neither from the log nor from the device file. And the
-torque beside an angle may be that of the tick before it, as a sensor sees it, or that of the tick after it, as a
-controller computes it from the angle.
+Three more parameters belong to the recording. The repaired model does not contain them.
+
+- The torque of the integral of a position drive when the recording began.
+- The delay of goals. The log shows a goal in one sample, but the goal may act up to one sample earlier or later.
+- The delay of measured torques. A sensor logs the torque of the tick before an angle; a controller logs the torque that
+  it computes from the angle, which acts in the tick after it.
 """
 
 from __future__ import annotations

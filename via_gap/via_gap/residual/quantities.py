@@ -1,6 +1,6 @@
 """Which kind of motion each segment contains: when, at which angle, how fast, how far, and with which spring load.
 
-A model that is wrong in one kind of motion is right in another. So its parameters are compared between kinds.
+A wrong model has different parameters in different kinds of motion, so its parameters are compared between them.
 """
 
 from __future__ import annotations

@@ -2,17 +2,17 @@
 
 At the start of a segment, angles and velocities of the measured axes are reset, and so are the torques of bristles and
 slipping springs (memory.py). Only the lag of a drive continues from the segment before: neighbouring segments of a row
-with a lag are one run, segments of other rows are runs of their own. The states of motors without an encoder are
-simulated along the measured motion from the beginning of the log (unseen.py).
-The start of a segment has the uncertainty of the sensors. To first order, a wrong start adds correlated noise to the
-segment. All errors are whitened by its covariance,
+with a lag are one run, segments of other rows are separate runs. The states of motors without an encoder are simulated
+along the measured motion from the beginning of the log (unseen.py).
+
+The measured start of a segment is uncertain. To first order, a wrong start adds correlated noise to the segment. The
+errors are whitened by its covariance,
 
     e' (1 + A S A')^-1 e = |w|^2,   w = e - U (1 - 1 / sqrt(1 + s^2)) U' e,   U s V' = A S^1/2
 
 with the error e in units of the noise, A the sensitivities to the start by finite differences, S the variances of the
-start. An unknown start would be projected out, an exact one has no effect. Commands that the log lacks for a moment
-(command_gaps.py) and the noise of measured torques that drive the simulation (torque_noise.py) add columns to A in the
-same way.
+start. An unknown start would be projected out, an exact one has no effect. Missing commands (command_gaps.py) and the
+noise of measured torques that drive the simulation (torque_noise.py) add columns to A in the same way.
 """
 
 from __future__ import annotations

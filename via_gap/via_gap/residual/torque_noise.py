@@ -6,7 +6,8 @@ To first order, with h the response to a pulse of torque, the error of a segment
     e(t) = integral h(t - s) n(s) ds
 
 The mean of n over a piece of L seconds has the variance S / L, with the spectral density S. So each piece has a pulse
-of one standard deviation, whose effect on a segment, by simulation, joins that of the unknown start (rollout.py).
+of one standard deviation. The simulated response of a segment to it is added to the uncertainty of its start
+(rollout.py).
 """
 
 from __future__ import annotations

@@ -4,12 +4,13 @@
     states = motors.states(rows)                                            # (K, n, S)
 
 The friction of a motor behind a spring damps its initial error, provided that the link moves as measured. If the link
-were simulated and reset to its measurement at every segment, each reset would interval the spring, and the error could
-grow without bound. Therefore the measured axes are set to their measurements at every tick, and the equations of the
-simulator integrate the other axes only.
+were simulated and reset to its measurement at every segment, each reset would change the deflection of the spring
+abruptly, and the error could grow without bound. Therefore the measured axes are set to their measurements at every
+tick, and the simulator integrates the other axes only.
 
-Torques on the link then have no influence, because the link is reset at the next tick. Rows that differ in nothing else
-share their states. These torques are set to zero, and the link is so heavy that its velocity stays constant in a tick.
+Torques on the link then have no influence, because the link is reset at the next tick. They are set to zero, and the
+link is made so heavy that its velocity stays constant in a tick. Rows that differ only in these torques share their
+states.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 """Decision between commands with zero-order hold and commands that are interpolated linearly, with their delay.
 
-The delay is one more unknown beside those of the best model; one Gauss-Newton step over device parameters,
-effects and delay estimates it. Interpolation is used if the same effects, fitted again, are then significantly better
-on held-out data, by a relevant amount, also than with steps that have a dead time of their own. Without any effect,
-interpolation might imitate a part of one, and has to explain half of the error. A delay below half a sample cannot be
-distinguished from a slower controller; it is a note, not a cause.
+The delay is estimated by one Gauss-Newton step over device parameters, effects and delay. Interpolation is used if the
+same effects, fitted again with it, are significantly better on held-out data, by a relevant amount. They also have to
+be better than with a zero-order hold that has a dead time of its own. Without any effect, interpolation might imitate a
+part of one, so it has to explain half of the error. A delay below half a sample cannot be distinguished from a slower
+controller. It is a note, not a cause.
 
-Measured torques that drive the simulation may also be late: a current is filtered before it is recorded. Then the
-delay is negative, and torques are shifted forward. A shift resembles viscous friction, so it is tried only beside the
-best effects.
+Measured torques that drive the simulation may be late as well, because a current is filtered before it is recorded.
+Then the delay is negative, and torques are shifted forward. A shift resembles viscous friction, so it is tried only
+beside the best effects.
 """
 
 from __future__ import annotations

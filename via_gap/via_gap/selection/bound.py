@@ -3,9 +3,9 @@
 On every axis with a torque, a weighted sum of the functions of `Basis` of the measured motion acts on the repaired
 plant. The weights are fitted to the fitted segments by ridge regression on the response to a pulse of torque. One
 simulation per piece of a segment and axis serves all functions and all segments. The ridge is chosen on blocks left
-out, by the loss of the fits: by squares, segments with large errors would decide alone. The torque is then simulated,
-and the remaining residual is fitted again. Its error on held-out segments is the bound, or that of the named effects if
-it is lower.
+out, by the loss of the fits. (By squares, segments with large errors would decide alone.) The torque is then simulated,
+and the remaining residual is fitted again. The bound is the error of this torque on held-out segments, or that of the
+named effects if that is lower.
 """
 
 from __future__ import annotations

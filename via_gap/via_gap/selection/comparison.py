@@ -1,14 +1,16 @@
 """Search for models, and for what the logs do not contain: commands between samples, and times of single events.
 
-Commands between the samples of a log are not known. If linear interpolation explains the motion better than a
-zero-order hold (between.py), beside the tuned device or the best model of the search, the search is repeated with
-interpolated commands. Beside an unfinished model, the unknown times of jumps would absorb a part of a missing delay.
+Commands between the samples of a log are not known. Linear interpolation (between.py) is compared with a zero-order
+hold, beside the tuned device and beside the best model of the search. If it explains the motion better, the search is
+repeated with interpolated commands. It is not tried beside the models in between, where the unknown times of jumps
+would absorb a part of a missing delay.
 
-Blocks of a log mislead where a motion repeats with them: a wall that only fitted blocks touch improves no held-out
-block. If a model leaves an error on one side alone, the search is repeated with finely alternating segments.
+Held-out blocks mislead if a motion repeats with them: a wall that only fitted blocks touch improves no held-out block.
+If a model leaves an error only in fitted or only in held-out segments, the search is repeated with single segments that
+alternate.
 
 An effect that begins or ends at one time of a run is visible only in the segments around it. If the best model has such
-times, they are fitted on all segments, and the search is repeated with those segments among the fitted ones.
+times, they are fitted to all segments, and the search is repeated with those segments among the fitted ones.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """How much each named effect explains beside the others: the error of the repair without it.
 
-A repair with several effects leaves one error. Its main effect is the one without which it leaves most, after the
-other effects and the device parameters are fitted again. How often an effect is in the best model does not say this:
-a small dry friction can be certain while the delay that explains most shares its place with a lag. A model whose final
-fit does as well without one of its effects is not the answer.
+Each effect of a repair is removed in turn, and the other effects and the device parameters are fitted again. The main
+effect is the one without which most error is left. The probability of an effect does not show this: a small dry
+friction can be certain, while the delay that explains most is tied with a lag. If the final fit is as good without one
+of its effects, the model is not the answer.
 """
 
 from __future__ import annotations

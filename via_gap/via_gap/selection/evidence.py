@@ -5,10 +5,14 @@ size, and little is gained below the noise. The loss of runs over whole recordin
 because their gap is the mean squared error. Errors of neighbouring segments are correlated; differences between two
 models are therefore averaged in blocks, whose means count as independent. A rest counts as one segment.
 
-One criterion serves every comparison (adding, dropping, replacing an effect; a veto of the other view): model a is
-significantly worse than model b if loss(a) - loss(b) exceeds the margin on held-out segments, and if the lower end of
-its confidence interval does on all segments, fitted ones included. A short log has few held-out ones, and a fit with
-few parameters cannot explain many segments: each parameter more may explain one by chance.
+One criterion serves every comparison (adding, dropping, replacing an effect; a veto of inverse dynamics). Model a is
+significantly worse than model b if
+
+- loss(a) - loss(b) exceeds the margin on held-out segments, and
+- the lower end of its confidence interval exceeds the margin on all segments, fitted ones included.
+
+Fitted segments are included because a short log has few held-out ones. This is possible because a fit with few
+parameters cannot overfit many segments: each additional parameter may explain one by chance.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
 There are two views of the error of a segment: the simulation from its measured start (`Rollout`), and the missing
 torque of its equations along the measured motion (`InverseDynamics`). Models are compared by simulation, and inverse
-dynamics can veto them. If the tuned device does not predict the motion significantly better than constant velocity from
-each start, measured torque does not predict the motion, and any effect that keeps the model at rest would win. Then
-models are compared by inverse dynamics alone.
+dynamics can veto them. Exception: the tuned device does not predict the motion significantly better than constant
+velocity from each start. In simulation, any effect that keeps the model at rest would then win, so models are compared
+by inverse dynamics alone.
 """
 
 from __future__ import annotations

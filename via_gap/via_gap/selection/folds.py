@@ -1,7 +1,7 @@
 """Cross-validation over groups of fitted logs: each log is evaluated by fits to logs of other groups.
 
-Logs that the caller holds out measure the gap of the repair. They must not also choose among many effects. Logs of one
-group, such as runs of the same motion, are left out together.
+Logs that the caller holds out serve to measure the gap of the repair, so they must not also be used to choose among
+many effects. Logs of one group, such as runs of the same motion, are left out together.
 
 Source: T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning (2009), section 7.10.
 """

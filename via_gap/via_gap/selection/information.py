@@ -1,8 +1,8 @@
 """Choice of held-out groups such that fitted and held-out segments contain comparable motion.
 
-The descriptors of a segment are sums of quantities that make parameters visible: squared speed, reversals, squared
-acceleration, and squared speed in each part of the angle range. A held-out part is representative if it has its share
-of each of them. Groups (a log, the runs of one motion) are held out as a whole.
+The descriptors of a segment are sums of quantities that make parameters identifiable: squared speed, reversals, squared
+acceleration, and squared speed in each part of the angle range. Held-out segments are representative if their fraction
+of each descriptor is close to SHARE. Groups (a log, the runs of one motion) are held out as a whole.
 """
 
 from __future__ import annotations

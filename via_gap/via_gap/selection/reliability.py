@@ -2,22 +2,24 @@
 
     probability of a cause = reliability of the verdict * share of the cause among the models compared
 
-An answer that leaves much of the error is wrong more often. So the answers of a verdict are divided into groups by what
-they leave, by isotonic regression: no other division in which the share of right answers falls from group to group fits
-them better. With r of n answers of a group right, the reliability is (r + 1/2) / (n + 1), the mean of Jeffreys'
-posterior, so that a verdict that was never wrong does not count as certain.
+An answer that leaves much of the error is wrong more often. So the answers of a verdict are divided into groups by the
+error that they leave, by isotonic regression: the share of right answers falls from group to group. With r of n answers
+of a group right, the reliability is (r + 1/2) / (n + 1), the mean of Jeffreys' posterior. A verdict that was never
+wrong therefore does not count as certain.
 
-Conformal sets: the score of a cause is 1 - share. With the scores of the true causes of n calibration cases of one
-signal set whose answers name a cause, the set { cause : score <= q }, q their ceil((n + 1) (1 - alpha))-th smallest,
-contains the true cause of a further such case with probability >= 1 - alpha, for any quality of the shares.
+Conformal sets: the score of a cause is 1 - share. Take the scores of the true causes of n calibration cases of one
+signal set whose answers name a cause, and q, their ceil((n + 1) (1 - alpha))-th smallest. The set { cause : score <= q
+} contains the true cause of a further such case with probability >= 1 - alpha, whatever the quality of the shares.
+
 Widths of intervals: no model is exact, and two right simulators of one joint differ by some tenths of a percent (steps
 in time, contacts at ticks). So a named parameter has the variance
 
     wider^2 (sd^2 + (DISCREPANCY value)^2)
 
 with sd from the fit, and `wider` the smallest factor with which 95 % of the true parameters of the calibration cases
-with the same verdict lie inside their intervals (`via_validation.calibration` computes q and `wider`). A main effect
-has to make up for what the model lacks, so its factor is larger.
+with the same verdict lie inside their intervals (`via_validation.calibration` computes q and `wider`). The parameters
+of a main effect compensate for what the model lacks, so its factor is larger.
+
 Sources: R. E. Barlow et al., Statistical Inference under Order Restrictions (1972), chapter 1 (isotonic regression);
 V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World (2005), section 4.1 (split conformal).
 

@@ -1,8 +1,8 @@
 """Rivals of the named model: one of its effects replaced by another one, beside the same other effects.
 
-The search adds effects to the best model so far and exchanges them on a subset of the segments. So a second effect is
-often tried beside one of two similar first ones, and the other would lose for the lack of it. Whether it explains as
-much shows only like with like.
+The search adds effects to the best model so far, and exchanges them on a subset of the segments. Of two similar first
+effects, often only one was therefore tried with a second effect, and the other would lose for lack of it. A fair
+comparison needs both with the same other effects.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 
     none -> one -> two ...        each step: add the best, exchange earlier ones, try without each of them
 
-A linear prediction (screen.py) gives every candidate the amount to start from, and one step from there ranks it. The
-best are fitted on a subset of the segments, and those near the best fit on all segments. Which of the models is the
-answer is decided afterwards (verdict.py).
+A linear prediction (screen.py) gives the amount from which a candidate starts. Candidates are ranked by their loss
+after one step. The best are fitted to a subset of the segments, and those near the best fit to all segments. Which
+model is the answer is decided afterwards (verdict.py).
 
 Source: sequential floating forward selection, P. Pudil, J. Novovicova, J. Kittler, Floating search methods in feature
 selection, Pattern Recognition Letters 15 (1994); all pairs at once as subsets of a linear regression, G. M. Furnival,

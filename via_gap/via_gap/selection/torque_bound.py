@@ -1,8 +1,8 @@
 """Bound on the achievable error of inverse dynamics: what a flexible torque model explains of the missing torque.
 
 On every axis, a weighted sum of the functions of `Basis` of the measured motion, and of waves of the angle, is
-subtracted from the missing torque. The weights are fitted to the fitted segments by ridge regression, and the ridge is
-chosen on blocks left out. Functions of commands are not used, because they would reproduce the drive.
+subtracted from the missing torque. The weights are fitted to the fitted segments by ridge regression. The ridge is
+chosen on blocks left out. Functions of commands are not used, because they would reproduce the torque of the drive.
 """
 
 from __future__ import annotations

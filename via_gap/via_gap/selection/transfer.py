@@ -1,9 +1,9 @@
 """Does a repair hold in all motion? Each half of the motion is compared with a fit to the other half.
 
-Held-out blocks contain the same kinds of motion as fitted ones. A wrong effect that resembles the true one explains
-them with parameters that balance slow and fast, small and large motion; fitted to slow motion alone, it fails on fast
+Held-out blocks contain the same kinds of motion as fitted ones. A wrong effect that resembles the true one can explain
+them, with parameters that balance slow and fast, small and large motion. Fitted to slow motion alone, it fails on fast
 motion. The right effect has the same parameters everywhere, also beside small effects that are not in the catalogue. An
-effect that explains hardly anything in the other half is no cause.
+effect that explains hardly anything in the other half is not named.
 
 Halves are those below and above the median of a quantity of the segments. The loss of the other half counts a tenth in
 the fit, so that parameters keep their values where one half alone does not show them: a wall, a limit, a beginning.

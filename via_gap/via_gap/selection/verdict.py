@@ -7,12 +7,16 @@ model,
     explained = (E(tuned) - E(step)) / (E(tuned) - E(bound))
 
 E is the root mean square, to which rare large errors contribute most, or the error of a typical segment, to which they
-contribute little. An effect may act rarely (a contact), and so may what disturbs: the larger of both fractions counts.
+contribute little. The larger of both fractions counts, because an effect may act rarely (a contact), and so may a
+disturbance.
 
-The last accepted step is the answer. If it explains everything above the noise, in held-out and in fitted
-segments, it is the cause (`effect`, `several_effects`); if most of the explainable error, the main cause
-(`main_effect`); if less, nothing is named (`unknown`). If no model of the motion explains the error, the verdict is
-`cannot_tell`.
+The last accepted step is the answer. The verdict depends on what it explains:
+
+- everything above the noise, in held-out and in fitted segments: it is the cause (`effect`, `several_effects`);
+- most of the explainable error: it is the main cause (`main_effect`);
+- less: nothing is named (`unknown`).
+
+If no model of the motion explains the error, the verdict is `cannot_tell`.
 """
 
 from __future__ import annotations
