@@ -1,4 +1,4 @@
-"""Starts of segments: measured motion without the encoder errors of each parameter row, and what they explain."""
+"""Starts of segments: the measured motion, corrected for the encoder errors of a parameter row."""
 
 from __future__ import annotations
 

@@ -153,23 +153,26 @@ def with_fitted(a: Evaluation, b: Evaluation) -> tuple[Evaluation, Evaluation]:
 
 
 def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
-    """Whether b leaves hardly more than noise, and a more than noise can be, even if what b leaves is all noise.
+    """Whether b explains all but noise, and a does not.
 
-    A rare effect (a limit reached twice) is in so few segments that the mean is uncertain; but no chance explains
-    what they contain down to the noise. Noise is known to a factor of `no_gap`, that of each model on its own.
+    Example: a limit that is reached twice. It is in so few segments that the mean loss is uncertain, but a model that
+    explains them down to the noise does not do so by chance. Noise is known to a factor of `no_gap` in both.
     """
     factor = NUMBERS.no_gap**2
     return b.mean_square <= factor and a.mean_square > factor * max(b.mean_square, 1.0)
 
 
 def outdone_by(a: Evaluation, b: Evaluation) -> bool:
-    """Whether a is refuted beside b, or leaves what b explains: something that happens in few segments.
+    """Whether a is refuted beside b, or leaves a rare event that b explains.
 
-    Blocks of segments are taken as alike, which a push or a limit that is reached twice contradicts. It is certain if a
-    leaves more than b in the mean and in the largest error, by more than noise is known, and if the largest is beyond
-    the prediction interval of one more loss like those of b: these show how large the errors of a model with small
-    faults (a belt, a slow sensor) can be in this log. Of several such events, one is not enough: the others keep the
-    mean up.
+    The comparison of blocks takes all blocks as alike; a push, or a limit that is reached twice, does not pass it. Such
+    an event is certain if both hold:
+
+    - a leaves more than b in the mean and in the largest error, by more than the noise is uncertain;
+    - the largest error of a lies beyond the prediction interval of one more loss like those of b. They show how large
+      the errors of a model with small faults (a belt, a slow sensor) become in this log.
+
+    A model that explains one of several events is not enough: the others keep its mean up.
     """
     a, b = with_fitted(a, b)
     count = len(b.segments)

@@ -25,12 +25,13 @@ def rivals(
     scales: Scales,
     evaluated: Callable[[Sequence[Fit]], list[Evaluation]],
 ) -> Callable[[Evaluation], list[Evaluation]]:
-    """The function that gives the rivals of a model, fitted to all segments of `whole` from the values of that model.
+    """A function that gives the rivals of a model, fitted to all segments of `whole`.
 
-    models     of the search: those effects replace one of the model that are best alone, and were not tried beside it
-    evaluated  evaluations of those of some fits that may be named
+    models     of the search. Each effect of the model is replaced by those that were best alone and that the search did
+               not try beside its other effects
+    evaluated  gives evaluations of those fits that may be named
 
-    A model of one effect has none, and neither have whole runs, where each evaluation needs a fit without each fold.
+    A model of one effect has no rivals. Neither have whole runs, where each evaluation needs one fit per fold.
     """
     alone = sorted((each for each in models if len(each.fit.effects) == 1), key=lambda each: each.score)
     tried = {frozenset(each.fit.locations) for each in models}
