@@ -25,7 +25,8 @@ from via_gap.residual.nuisance import BOUND, descend, lowest_offsets
 from via_gap.residual.residual_model import Asks, ResidualModel
 
 SPARSE = 6  # of so many neighbouring segments two are used for the first fit of the device parameters
-LEAST_STEP = 0.003  # of the typical size of a parameter: step of a finite difference
+LEAST_STEP = 0.003  # of the typical size of a parameter: least step of a finite difference
+RELATIVE_STEP = 0.03  # of its value; of the depth to which a wall yields
 LONG = 10.0  # [s] a parameter in seconds with a larger range is a time of the run, not a delay
 OWN = 6  # rounds for the device parameters alone
 
@@ -86,6 +87,15 @@ class Fit:
         return replace(self, effects=effects, covariance=covariance, tolerances=tolerances)
 
 
+def _depths(location: Location, values: Sequence[float], scales: Scales) -> Array:
+    """(p,) [rad] to which a wall with these values yields to the typical torque, at its place; else infinite."""
+    found = np.full(len(location.parameters), np.inf)
+    if location.kind.touched:
+        names = [p.name for p in location.parameters]
+        found[names.index("angle")] = scales.torque[0] / max(values[names.index("stiffness")], 1e-9)
+    return found
+
+
 def event_times(fit: Fit) -> tuple[float, ...]:
     """Times [s since the run began] at which effects begin or end."""
     return tuple(
@@ -133,6 +143,7 @@ class Axes:
     low    (p,) ends of their ranges over `size`; high likewise
     levers  index of each mass whose distance from the axis is the next parameter, see levers.py
     times  (p,) whether a parameter is a time of the run, for which the gradient is useless
+    places  (p,) whether it is the place of a wall: what counts is how far the wall yields, not where zero is
     fixed  (p,) whether a parameter keeps its initial value: an order of whole periods per turn
     takes  (p,) whether a parameter can take up an error of either sign of a nuisance
     held   (J,) whether the effects contain a nuisance, which then stays at 0
@@ -145,6 +156,7 @@ class Axes:
     high: Array
     levers: tuple[int, ...]
     times: Mask
+    places: Mask
     fixed: Mask
     takes: Mask
     held: Mask
@@ -161,6 +173,8 @@ class Axes:
         parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])
         first = np.cumsum([0, *(len(location.parameters) for location in locations)])
+        depths = np.concatenate([_depths(each, starts[i:], scales) for i, each in zip(first, locations)])
+        places, size = np.isfinite(depths), np.minimum(size, depths)
         levers = tuple(int(i) for i, location in zip(first, locations) if location.kind.lever)
         low, high = (np.concatenate(ends) for ends in zip(*(bounds_of(each, scales) for each in locations)))
         size, low, high = (straightened(each, levers) for each in (size, low, high))
@@ -169,7 +183,7 @@ class Axes:
         fixed = np.array([is_order and float(v).is_integer() for is_order, v in zip(orders, starts)], dtype=np.bool_)
         none = np.zeros(len(problem.nuisances), dtype=np.bool_)
         takes = np.array([p.low < p.neutral < p.high for _, p in parameters], dtype=np.bool_)
-        free = Axes(problem, tuple(locations), size, low / size, high / size, levers, times, fixed, takes, none)
+        free = Axes(problem, tuple(locations), size, low / size, high / size, levers, times, places, fixed, takes, none)
         begin = free.coordinates(np.zeros(len(none)), starts)
         if fitted:
             reach = BOUND * np.abs(replace(free, takes=np.ones_like(takes)).contained(begin)).max(axis=0, initial=0.0)
@@ -288,7 +302,7 @@ class Axes:
         0 for times and fixed parameters.
         """
         values, moves = here.at[self.count :], ~(self.times | self.fixed)
-        steps = np.maximum(LEAST_STEP, 0.03 * np.abs(values))
+        steps = np.where(self.places, RELATIVE_STEP, np.maximum(LEAST_STEP, RELATIVE_STEP * np.abs(values)))
         steps = np.where(values + steps > self.high, -steps, steps)[moves]
         slopes = np.zeros((len(here.residual), len(values)))
         _, moved = yield from self.losses([*(here.at + np.eye(len(here.at))[self.count :][moves] * steps[:, None])])

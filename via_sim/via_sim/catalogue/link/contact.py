@@ -10,6 +10,7 @@ from via_sim.catalogue.kinds import EffectKind, EffectParameter, Slot, Spot, Val
 from via_sim.catalogue.starts import Typical, grid
 
 HARDER = (10.0, 100.0, 1000.0)  # times a wall that yields to the typical torque by half the typical motion
+DAMPED = 0.3  # of the critical damping of the link on the wall
 
 
 def _write(_spot: Spot, value: Values) -> None:
@@ -29,7 +30,7 @@ def _starts(here: Typical) -> list[dict[str, float]]:
     for stiffness in (times * soft for times in HARDER):
         depth, critical = here.torque / stiffness, 2.0 * sqrt(stiffness * here.device.link.inertia)
         for wall in ((high, 1.0), (most - depth, 1.0), (low, -1.0), (least + depth, -1.0)):
-            walls += [(stiffness, 0.0, *wall), (stiffness, 0.3 * critical, *wall)]
+            walls += [(stiffness, 0.0, *wall), (stiffness, DAMPED * critical, *wall)]
     return [dict(zip(("stiffness", "damping", "angle", "side"), wall, strict=True)) for wall in walls]
 
 
