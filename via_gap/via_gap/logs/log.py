@@ -12,6 +12,7 @@ import numpy as np
 from via_core.bags.joints import JointRecording, joint_signals
 from via_core.bags.reader import Bag, read_bag
 from via_core.devices import Device
+from via_core.encoder_steps import step_of
 from via_core.errors import SignalError, ViaError
 from via_core.recordings.channels import read_joint
 from via_core.recordings.tables import is_bag
@@ -195,6 +196,17 @@ def _with_neighbour(commands: Signals, bag: Bag, device: Device, joint_topic: st
         return commands
     angle = np.interp(commands.time, other.time[seen], other["q"][seen])
     return commands.joined(Signals(commands.time, {"neighbour": angle}, {"neighbour": "rad"}, frozenset({"neighbour"})))
+
+
+def angle_of(log: JointLog, axis: int) -> Array:
+    """(N,) [rad] as measured at an axis: 0 link, 1, 2 motors."""
+    return log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]
+
+
+def quantum(log: JointLog, axis: int) -> float:
+    """[rad] step of an encoder: of the device file, or of the grid of its measurements if that is coarser."""
+    sensors = log.device.sensors
+    return max((sensors.motor_quantum if axis else sensors.link_quantum) or 0.0, step_of(angle_of(log, axis)))
 
 
 def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:

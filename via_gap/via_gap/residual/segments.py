@@ -13,14 +13,13 @@ from math import ceil
 
 import numpy as np
 from scipy.signal import savgol_filter
-from via_core.encoder_steps import step_of
 from via_core.errors import SignalError
 from via_core.signals import Array, Mask
 from via_core.signals import Indices as Indices
 from via_sim.plants import JointPlant
 
 from via_gap.logs.between import in_lines
-from via_gap.logs.log import JointLog
+from via_gap.logs.log import JointLog, angle_of, quantum
 from via_gap.logs.noise import LogNoise, error_correlation, log_noise, torque_densities
 from via_gap.logs.quality import SEGMENT, SPANS, Quality
 from via_gap.logs.rounding import interpolated, mean_variance, variances
@@ -271,17 +270,6 @@ def _between(grid: Array, gaps: Sequence[tuple[float, float]]) -> Mask:
     begin, end = np.array(gaps).reshape(-1, 2).T
     before = np.searchsorted(begin, grid, side="left")  # gaps that begin earlier
     return before > np.searchsorted(end, grid, side="right")
-
-
-def angle_of(log: JointLog, axis: int) -> Array:
-    """(N,) [rad] as measured at an axis: 0 link, 1, 2 motors."""
-    return log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]
-
-
-def quantum(log: JointLog, axis: int) -> float:
-    """[rad] step of an encoder: of the device file, or of the grid of its measurements if that is coarser."""
-    sensors = log.device.sensors
-    return max((sensors.motor_quantum if axis else sensors.link_quantum) or 0.0, step_of(angle_of(log, axis)))
 
 
 def _rest(log: JointLog) -> Array:

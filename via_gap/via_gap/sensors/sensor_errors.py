@@ -19,8 +19,7 @@ from via_core.signals import Array
 from via_sim.effects import Effect
 
 from via_gap.logs.checks import COARSE
-from via_gap.logs.log import JointLog
-from via_gap.residual.segments import angle_of
+from via_gap.logs.log import JointLog, angle_of
 
 SURE = 8.0  # standard deviations from which a gain or bias error is significant
 LEAST_GAIN, LEAST_BIAS = 0.02, 0.003  # [-], times the command's standard deviation: smallest reported errors

@@ -29,8 +29,7 @@ from via_sim.catalogue.sensor.channel_skew import MAX_SKEW
 
 from via_gap.candidates.location import Location
 from via_gap.logs.findings import Finding
-from via_gap.logs.log import JointLog
-from via_gap.residual.segments import quantum
+from via_gap.logs.log import JointLog, quantum
 from via_gap.selection.evidence import Evaluation
 
 LATE_COMMAND = Location("actuator_delay", "command", 0)
