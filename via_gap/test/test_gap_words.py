@@ -106,6 +106,14 @@ def test_a_main_effect_comes_with_what_is_left_and_where():
     assert any("twice" in step for step in next_steps(done))
 
 
+@pytest.mark.parametrize("verdict", ["unknown", "cannot_tell"])
+def test_without_a_named_cause_the_place_of_the_largest_error_is_stated(verdict):
+    """A push that nobody recorded may be too short to be named, but the page shows when it was."""
+    said = cautions(report_of("main_effect").model_copy(update={"verdict": verdict, "effects": ()}))
+    assert sum("error of the" in each and "is largest at" in each for each in said) == 1
+    assert not any("is largest at" in each for each in cautions(report_of("no_gap")))
+
+
 def test_an_unknown_effect_is_looked_for_where_most_of_the_gap_lies():
     report = report_of("unknown")
     (step,) = next_steps(report)

@@ -289,11 +289,11 @@ def _by_name(
         quantity = by_unit  # type: ignore[assignment]
     if quantity and unit and kind(unit) == "time":
         unit = ""  # the end of a name that looks like seconds is no unit of a signal
-    gain = "kp" if said["kp"] else "kd" if said["kd"] else ""
+    gain: Quantity = "kp" if said["kp"] else "kd" if said["kd"] else ""
     if said["neither"] or (words and words[-1] in STAMPS):
         quantity = ""
     elif gain:
-        quantity = "" if quantity else gain  # type: ignore[assignment]  # of a position loop alone: pos_kp
+        quantity = "" if quantity else gain  # of a position loop alone: pos_kp
     elif said["feed-forward"]:
         quantity = "feed-forward" if quantity == "torque" or (not quantity and _of_torque(words)) else ""
     elif said["command"]:

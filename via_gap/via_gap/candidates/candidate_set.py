@@ -52,7 +52,8 @@ class CandidateSet:
         begins = np.concatenate([segments[i].time[train[i]] - segments[i].log.measured.time[0] for i in seen])
         for each in kept:
             if each.kind.one_run:
-                always = each.effect(starts(each, scales, fitted.device)[-1].directions[0])
+                small = starts(each, scales, fitted.device)[0].directions[0]
+                always = each.effect({p.name: p.neutral if p.unit == "s" else small[p.name] for p in each.parameters})
                 scales = replace(scales, busy=best_interval(fitted, base, always, begins))
         equations = ResidualModel.of(segments, train, InverseDynamics.of) if all(missing) else None
         return CandidateSet(kept, scales, numbers, missing, shares, equations)

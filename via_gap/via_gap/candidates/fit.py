@@ -88,7 +88,7 @@ class Fit:
 
 
 def _depths(location: Location, values: Sequence[float], scales: Scales) -> Array:
-    """(p,) [rad] to which a wall with these values yields to the typical torque, at its place; else infinite."""
+    """(p,) [rad] depth to which a wall yields to the typical torque, for its place; infinite for other parameters."""
     found = np.full(len(location.parameters), np.inf)
     if location.kind.touched:
         names = [p.name for p in location.parameters]

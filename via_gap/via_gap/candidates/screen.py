@@ -65,7 +65,7 @@ def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location]
 def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array | None = None) -> Ranked:
     """Candidates by the predicted loss with the best amounts of their directions, beside the effects of `base`.
 
-    Each with its best start; those whose motion is far from linear in them with every start.
+    Each with its best start; walls with every start, because the motion is far from linear in them.
 
     slopes  (R, k) derivatives of the residual by the effect parameters of `base`, which are then fitted as well: often
             a second cause is visible only if the first can change. None: they are fixed
@@ -79,13 +79,9 @@ def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array
         tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
     screen = _Screen.of(base, jacobian, tried)
     best = screen.best_starts()
-    every = [k for k, each in enumerate(tried) if k in best or _nonlinear(each.location)]
+    every = [k for k, each in enumerate(tried) if k in best or each.location.kind.touched]
     alone = map(screen.predicted, combinations(every, 1))
     return sorted(((loss, location, values) for loss, ((location, values),) in alone), key=lambda each: each[0])
-
-
-def _nonlinear(location: Location) -> bool:
-    return location.kind.starts is not None and location.kind.starts.nonlinear
 
 
 def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> Iterator[tuple[float, Members]]:

@@ -156,20 +156,21 @@ class Search:
         is fitted, every start takes a step: of a hard wall, a fit does not pass from one minimum to the next.
         """
 
-        def steps(some: Iterable[Members]) -> list[Fit]:
-            first = refine_all(self.few, [(base, each) for each in some], self.scales, FIRST, jacobian)
-            return [each for each in first if each is not None]
-
         starts: dict[frozenset[Location], list[Members]] = {}
         for each in candidates:
             starts.setdefault(frozenset(location for location, _ in each), []).append(each)
-        begun = steps(own[0] for own in starts.values())
-        order = sorted(begun, key=lambda each: each.loss)[:most]
-        chosen = [*order, *(each for each in begun[:PREDICTED] if each not in order)]
-        again = steps(each for fit in chosen for each in starts[frozenset(fit.locations)][1:])
-        best = {frozenset(fit.locations): fit for fit in sorted([*chosen, *again], key=lambda each: -each.loss)}
-        found = [best[frozenset(fit.locations)] for fit in chosen]
-        return raced(self.few, [(each, each.members) for each in found], self.scales, rival)
+
+        def steps(some: Sequence[tuple[frozenset[Location], Members]]) -> list[tuple[frozenset[Location], Fit]]:
+            first = refine_all(self.few, [(base, each) for _, each in some], self.scales, FIRST, jacobian)
+            return [(kind, fit) for (kind, _), fit in zip(some, first, strict=True) if fit is not None]
+
+        begun = steps([(kind, own[0]) for kind, own in starts.items()])
+        best = dict(sorted(begun, key=lambda each: each[1].loss)[:most])
+        best |= {kind: fit for kind, fit in begun[:PREDICTED] if kind not in best}
+        for kind, fit in steps([(own, each) for own in best for each in starts[own][1:]]):
+            if fit.loss < best[kind].loss:
+                best[kind] = fit
+        return raced(self.few, [(each, each.members) for each in best.values()], self.scales, rival)
 
     def _pairs(self, there: Sequence[Fit]) -> list[Fit]:
         """Fits on the subset of the best-ranked pairs, except those in `there`.

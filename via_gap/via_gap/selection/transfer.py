@@ -31,9 +31,9 @@ REFITS = Budget(rounds=4)  # from the fit to all segments to the fit to half of 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """Errors of the tuned device, and of a model in the half of the motion to which it was not fitted: by its quantity.
+    """What the tuned device leaves, and what a model leaves in the half of the motion to which it was not fitted.
 
-    Whole runs are not divided: `left` is empty.
+    left  by the quantity that divides the motion; empty for whole runs, which are not divided
     """
 
     before: Evaluation
@@ -47,9 +47,9 @@ class Transfer:
 
     @property
     def refuted_by(self) -> str:
-        """The quantity by which one half of the motion says nothing of the other; empty if there is none.
+        """The quantity whose halves refute the model; empty if there is none.
 
-        There the model explains less of the error above the noise than a named cause has to.
+        Fitted to one half, it explains less of the error above the noise in the other than a named cause has to.
         """
         explained = {name: max(fractions(self.before, each)) for name, each in self.left.items()}
         worst = min(explained, key=lambda name: explained[name], default="")

@@ -94,7 +94,7 @@ class Decision:
         return gains[self.named.index(location)] / float(np.mean(gains))
 
     def refuted(self, tuned: Evaluation, why: str) -> Decision:
-        """The decision that names nothing."""
+        """The decision that names nothing, for the reason `why`."""
         return replace(
             self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=why, without=(), transfer={}
         )

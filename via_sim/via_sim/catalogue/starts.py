@@ -68,14 +68,12 @@ class Starts:
     """Starts of one effect, and the names of its size parameters: at their neutral values it is absent.
 
     limit      whether the size is a limit: absent if it is beyond all torques or speeds
-    nonlinear  whether the motion depends so little linearly on sizes that no linear prediction can choose a start
     of_peak    whether sizes are typically the largest command
     """
 
     sizes: tuple[str, ...]
     made: Callable[[Typical], list[Start]]
     limit: bool = False
-    nonlinear: bool = False
     of_peak: bool = False
 
 
@@ -90,15 +88,9 @@ def each(**values: Callable[[Typical], float]) -> Starts:
     return Starts(names, lambda here: [Start(tuple({name: value(here)} for name, value in values.items()), names)])
 
 
-def grid(
-    *sizes: str, at: Callable[[Typical], list[Values]], through: tuple[str, ...] = (), nonlinear: bool = False
-) -> Starts:
+def grid(*sizes: str, at: Callable[[Typical], list[Values]], through: tuple[str, ...] = ()) -> Starts:
     """Starts with one direction each, proportional to the size parameters `sizes`."""
-
-    def made(here: Typical) -> list[Start]:
-        return [Start((values,), sizes, through=through) for values in at(here)]
-
-    return Starts(sizes, made, nonlinear=nonlinear)
+    return Starts(sizes, lambda here: [Start((values,), sizes, through=through) for values in at(here)])
 
 
 def limits(at: Callable[[Typical], list[float]], of_peak: bool = False) -> Starts:

@@ -55,6 +55,6 @@ KIND = EffectKind(
         Slot("contact_side", "-", "1: wall at larger angles, -1: at smaller ones", 1, 1.0),
     ),
     write=_write,
-    starts=grid("stiffness", at=_starts, nonlinear=True),
+    starts=grid("stiffness", at=_starts),
     touched=True,
 )
