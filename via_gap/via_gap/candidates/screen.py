@@ -65,8 +65,6 @@ def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location]
 def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array | None = None) -> Ranked:
     """Candidates by the predicted loss with the best amounts of their directions, beside the effects of `base`.
 
-    Each with its best start; walls with every start, because the motion is far from linear in them.
-
     slopes  (R, k) derivatives of the residual by the effect parameters of `base`, which are then fitted as well: often
             a second cause is visible only if the first can change. None: they are fixed
 
@@ -78,9 +76,7 @@ def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array
         base = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
         tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
     screen = _Screen.of(base, jacobian, tried)
-    best = screen.best_starts()
-    every = [k for k, each in enumerate(tried) if k in best or each.location.kind.touched]
-    alone = map(screen.predicted, combinations(every, 1))
+    alone = map(screen.predicted, combinations(screen.best_starts(), 1))
     return sorted(((loss, location, values) for loss, ((location, values),) in alone), key=lambda each: each[0])
 
 

@@ -25,7 +25,7 @@ from via_gap.candidates.further_terms import richer
 from via_gap.candidates.location import Location
 from via_gap.candidates.refinement import FINISHING, Budget, fit_on, member_slopes, raced, refine, refine_all
 from via_gap.candidates.scales import Scales
-from via_gap.candidates.screen import Direction, Ranked, directions, other_starts, ranked, ranked_pairs
+from via_gap.candidates.screen import Direction, directions, other_starts, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation, plainer, simplest
@@ -139,7 +139,7 @@ class Search:
             jacobian = self.few.nuisance_jacobian(here.effects, here.offsets, here.residual)
             slopes = member_slopes(self.few, here, self.scales)
             known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
-            near = _locations(ranked(here, jacobian, known, slopes))[: RACED * FITTED_NEXT]
+            near = [location for _, location, _ in ranked(here, jacobian, known, slopes)[: RACED * FITTED_NEXT]]
             hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)
         members = [[*fit.members, (location, values)] for _, location, values in hopeful]
         return self._raced(here, members, jacobian, most, rival)
@@ -149,28 +149,16 @@ class Search:
     ) -> list[Fit]:
         """Fits on the subset of the best `most` of some candidates, after one step of each from `base`.
 
-        candidates  ordered by a linear prediction of their loss; several with the same locations are starts of one
+        candidates  ordered by a linear prediction of their loss
 
         Far from a model that explains the motion, the prediction ranks them wrongly; one step shows by how much. Where
-        device parameters are far from their values, so does the step: the best predictions are fitted as well. Of what
-        is fitted, every start takes a step: of a hard wall, a fit does not pass from one minimum to the next.
+        device parameters are far from their values, so does the step: the best predictions are fitted as well.
         """
-
-        starts: dict[frozenset[Location], list[Members]] = {}
-        for each in candidates:
-            starts.setdefault(frozenset(location for location, _ in each), []).append(each)
-
-        def steps(some: Sequence[tuple[frozenset[Location], Members]]) -> list[tuple[frozenset[Location], Fit]]:
-            first = refine_all(self.few, [(base, each) for _, each in some], self.scales, FIRST, jacobian)
-            return [(kind, fit) for (kind, _), fit in zip(some, first, strict=True) if fit is not None]
-
-        begun = steps([(kind, own[0]) for kind, own in starts.items()])
-        best = dict(sorted(begun, key=lambda each: each[1].loss)[:most])
-        best |= {kind: fit for kind, fit in begun[:PREDICTED] if kind not in best}
-        for kind, fit in steps([(own, each) for own in best for each in starts[own][1:]]):
-            if fit.loss < best[kind].loss:
-                best[kind] = fit
-        return raced(self.few, [(each, each.members) for each in best.values()], self.scales, rival)
+        first = refine_all(self.few, [(base, each) for each in candidates], self.scales, FIRST, jacobian)
+        begun = [each for each in first if each is not None]
+        order = sorted(begun, key=lambda each: each.loss)[:most]
+        chosen = (*order, *(each for each in begun[:PREDICTED] if each not in order))
+        return raced(self.few, [(each, each.members) for each in chosen], self.scales, rival)
 
     def _pairs(self, there: Sequence[Fit]) -> list[Fit]:
         """Fits on the subset of the best-ranked pairs, except those in `there`.
@@ -236,11 +224,6 @@ class Search:
             done = refine_all(self.whole, [(fit, fit.members) for fit in near], self.scales, FINISHING)
             found = [fit for fit in done if fit is not None]
         return found + richer(self.whole, found, self.candidates.equations, self.scales)
-
-
-def _locations(found: Ranked) -> list[Location]:
-    """The locations in some ranking, each once."""
-    return list(dict.fromkeys(location for _, location, _ in found))
 
 
 def _forms(location: Location, values: Sequence[float]) -> Members:

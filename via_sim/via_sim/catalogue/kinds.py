@@ -112,7 +112,7 @@ class EffectKind:
     lever: bool = False  # its first parameters are a mass and its distance from the axis; m l and m l^2 act
     whole_period: bool = False  # periodic, with at least one period within the travel of its axis
     measured: bool = False  # found in the measurements alone, because it does not change the motion
-    touched: bool = False  # a wall: the motion is far from linear in it, and its sizes are not those of other torques
+    touched: bool = False  # a wall: its sizes are those of a knock, its place matters to a depth of that
     one_run: bool = False  # acts at one time of one run, so it cannot be the common cause in several logs
 
     @property
