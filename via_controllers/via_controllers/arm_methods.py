@@ -53,7 +53,13 @@ class ModalLimitCycleParameters(ControllerParameters):
     trusted_payload: float = parameter(
         0.2, "S, standard deviation at which a payload estimate has half weight", "kg", (1e-6, 1e3)
     )
+    trusted_friction: float = parameter(
+        0.1, "S, standard deviation at which the friction of a link has half weight", "N m s/rad", (1e-9, 1e3)
+    )
     heaviest: float = parameter(5.0, "largest payload that the model is corrected for", "kg", (0.0, 1e3))
+    most_friction: float = parameter(
+        2.0, "largest change of a link's viscous friction that the model is corrected for", "N m s/rad", (0.0, 1e3)
+    )
 
     def adaptive(self) -> AdaptiveLimitCycle:
         """The controller that corrects its model; raises ParameterError or DeviceError."""
@@ -61,6 +67,7 @@ class ModalLimitCycleParameters(ControllerParameters):
         return AdaptiveLimitCycle(
             self.controller(),
             CorrectionRule(*times, self.trusted_payload, 0.0, self.heaviest),
+            CorrectionRule(*times, self.trusted_friction, -self.most_friction, self.most_friction),
             CorrectionRule(*times, self.trusted_deviation, -scale, scale),
         )
 
