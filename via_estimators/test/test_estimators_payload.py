@@ -171,13 +171,15 @@ def test_planted_friction_of_links_and_motors_is_recovered(bits):
     assert np.linalg.eigvalsh(variance)[0] > 0.0
 
 
-def test_the_intervals_of_friction_cover():
+@pytest.mark.parametrize("noise", [0.2, 1.0])
+def test_the_intervals_of_friction_cover(noise):
+    """Also with twenty times the noise that the estimator expects, which it measures."""
     clean, inside = course(0.3, dry=0.5, viscous=0.4), []
     for seed in range(12):
         random = np.random.default_rng(seed)
         rows = clean.copy()
         rows[:, 1 : 1 + 2 * N] += random.normal(0.0, 1e-4, (len(rows), 2 * N))
-        rows[:, 1 + 2 * N :] += random.normal(0.0, 0.2, (len(rows), N))
+        rows[:, 1 + 2 * N :] += random.normal(0.0, noise, (len(rows), N))
         found = estimated(rows)
         inside.append(np.abs(found.value[1000:, 1:] - 0.4) < 1.96 * found.standard_deviation[1000:, 1:])
     assert np.mean(inside) > 0.85
