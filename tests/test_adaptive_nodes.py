@@ -18,13 +18,15 @@ from via_ros.conversions import nanoseconds, set_stamp
 
 REST = EQUILIBRIUM.tolist()
 JOINTS = [f"reference_4dof:{joint}" for joint in ARM.joints]
-WRONG = {"payload": 0.44, "spring_scale": [0.9] * 4}  # of the simulated arm
+WRONG = {"payload": 0.44, "spring_scale": [0.9] * 4, "link_friction": [0.3] * 4}  # of the simulated arm
 SCALES = [f"spring_scale_{joint}" for joint in range(1, 5)]
+FRICTION = [f"link_friction_{joint}" for joint in range(1, 5)]
+OF_THE_FILE = np.repeat([0.0, 1.0], [5, 4])
 
 
 def model(bench):
-    """Payload [kg] and spring scales (4,) of the controller's model now."""
-    return np.array([bench.now(name) for name in ("payload", *SCALES)])
+    """Payload [kg], friction of links (4,) [N m s/rad] and spring scales (4,) of the controller's model now."""
+    return np.array([bench.now(name) for name in ("payload", *FRICTION, *SCALES)])
 
 
 def within_limits(bench):
@@ -44,30 +46,31 @@ def largest_step(bench, since, until=None):
 
 
 def test_estimators_correct_the_model_and_its_fallback_is_smooth(graph):
-    """Payload 20 % of the forearm, springs 10 % soft: H within 2 %; without estimators, the file's model."""
+    """Payload 20 % of the forearm, friction, springs 10 % soft: H within 2 %; without estimators, the file's model."""
     estimators = [graph.add(PayloadNode), graph.add(EstimatorNode, devices=JOINTS)]
     bench = ArmBench(
         graph, NODES["modal_limit_cycle"], {"adapt": True, "correction_time": 0.2, "fallback_time": 0.2}, posture=REST,
         mode="lockstep", duration=4.0, listeners=4, **WRONG,
     )  # fmt: skip
     graph.until(lambda: len(bench.states) >= 2500)
-    assert model(bench) == pytest.approx([0.44, 0.9, 0.9, 0.9, 0.9], abs=0.01)
+    assert model(bench) == pytest.approx([0.44, *[0.3] * 4, *[0.9] * 4], abs=0.02)
     H = bench.quantity("H")[: len(bench.states)] / LEVEL - 1.0
     assert np.abs(H[2200:]).max() < 0.02
     for node in estimators:  # killed
         graph.executor.remove_node(node)
     killed = len(bench.states)
     graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 4000)
-    assert model(bench) == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0], abs=0.01)
+    assert model(bench) == pytest.approx(OF_THE_FILE, abs=0.01)
     assert np.abs(bench.quantity("H")[-500:] / LEVEL - 1.0).max() > 0.1
     assert largest_step(bench, killed) < 2.0 * largest_step(bench, 2000, killed)
     assert within_limits(bench) and {each[0] for each in bench.states} == {ControlState.ACTIVE}
 
 
 class Reports:
-    """Publishes one estimate of payload and stiffness for each sample."""
+    """Publishes one estimate of payload, `friction` of the links, and stiffness for each sample."""
 
-    def __init__(self, graph, bench, status, value, sd):
+    def __init__(self, graph, bench, status, value, sd, friction=()):
+        self.friction = list(friction)
         self.node, self.given = graph.node("reports"), (int(status), float(value), float(sd))
         create = partial(self.node.create_publisher, qos_profile=qos.SAMPLES)
         topics = [(PayloadEstimate, "/reference_4dof/payload")]
@@ -79,6 +82,9 @@ class Reports:
         for publisher, message in self.publishers:
             set_stamp(message.header.stamp, nanoseconds(state.header.stamp))
             message.status, message.value, message.standard_deviation = self.given
+            if isinstance(message, PayloadEstimate) and self.friction:
+                message.link_friction = self.friction
+                message.link_friction_standard_deviation = [0.0] * len(self.friction)
             publisher.publish(message)
 
 
@@ -87,7 +93,19 @@ def test_estimates_that_are_not_ok_leave_the_model_of_the_file(graph, status):
     bench = ArmBench(graph, NODES["modal_limit_cycle"], {"adapt": True}, posture=REST, mode="lockstep", duration=0.2)
     Reports(graph, bench, status, 3.0, 0.0)
     graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 200)
-    assert np.array_equal(model(bench), [0.0, 1.0, 1.0, 1.0, 1.0])
+    assert np.array_equal(model(bench), OF_THE_FILE)
+
+
+@pytest.mark.parametrize("friction", [(), (0.2, 0.2), (0.2, 0.2, 0.2, 0.2)])
+def test_a_payload_is_used_with_and_without_friction_of_the_links(graph, friction):
+    """Recorded or foreign messages may have none."""
+    bench = ArmBench(
+        graph, NODES["modal_limit_cycle"], {"adapt": True, "correction_time": 0.02}, posture=REST, mode="lockstep",
+        duration=0.3,
+    )  # fmt: skip
+    Reports(graph, bench, Status.OK, 0.1, 0.0, friction)
+    graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 300)
+    assert model(bench)[:5] == pytest.approx([0.1, *[0.2 * (len(friction) == 4)] * 4], abs=0.01)
 
 
 @pytest.mark.parametrize(("value", "most"), [(1e9, 5.0), (np.nan, 0.0), (-1e9, 0.0)])

@@ -16,7 +16,7 @@ from via_core.errors import ParameterError
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
 from via_sim.simulate import Simulator
-from via_validation.bench.joint_limits import disturbed_run, faulty_supervisor, joint_limit_rows
+from via_validation.bench.joint_limits import LATE, disturbed_run, faulty_supervisor, joint_limit_rows
 
 TICK = 1e-3  # [s]
 QBMOVE, ELASTIC, CUBIC = (load_device(name) for name in ("qbmove_a", "visco_elastic_demo", "cubic_demo"))
@@ -70,7 +70,15 @@ def shares(supervisor, device, **more):
 def test_limits_hold_in_random_courses():
     """A thousand: `via bench limits --starts 1000`."""
     rows = joint_limit_rows(range(8))
-    assert len(rows) == 13 and all(row.ok for row in rows if row.limit is not None), rows
+    assert len(rows) == 2 * 13 and all(row.ok for row in rows if row.limit is not None), rows
+
+
+@pytest.mark.parametrize(("device", "quantity"), [(ELASTIC, "speed"), (load_device("vsa2"), "deflection")])
+def test_late_torques_that_are_not_stated_exceed_a_limit(device, quantity):
+    """A fault that the rows above would show."""
+    seeds = range(8)
+    late = [disturbed_run(device, seed, faulty_supervisor(device, seed), LATE) for seed in seeds]
+    assert max(getattr(each, quantity) for each in late) > 1.0
 
 
 @pytest.mark.parametrize("device", [QBMOVE, ELASTIC], ids=lambda device: device.name)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import log
+from math import isfinite, log
 from typing import Any
 
 import numpy as np
+from via_core.errors import ParameterError
 from via_core.hopper import JOINTS, Hopper
 from via_core.parameters import parameter
 from via_core.vsa_arms import load_vsa_arm
@@ -16,6 +17,7 @@ from via_controllers.arms.bang_bang import ModalBangBang
 from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
 from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.arms.motor_pd import MotorPd
+from via_controllers.arms.orbit_demand import demand_of, largest_level
 from via_controllers.arms.self_start import START
 from via_controllers.correction import LARGEST_FACTOR, CorrectionRule
 from via_controllers.robot import ControlledArm, ControllerParameters, joint_values
@@ -27,8 +29,8 @@ from via_controllers.supervision.arm_supervision import Supervisor
 class ModalLimitCycleParameters(ControllerParameters):
     """Parameters of `modal_limit_cycle_vsa`, or with `adapt` of `adaptive_limit_cycle`, which subscribes to estimates.
 
-    The default `level` suits the soft modes of reference_4dof. Modes 3 and 4 need a tenth of it or less: otherwise the
-    motors stay at their limits and no limit cycle develops.
+    The default `level` suits the soft modes of reference_4dof. A level that motors or springs cannot give is refused,
+    with the largest one.
     """
 
     arm: str = parameter("reference_4dof", "arm name or path to its YAML")
@@ -53,7 +55,13 @@ class ModalLimitCycleParameters(ControllerParameters):
     trusted_payload: float = parameter(
         0.2, "S, standard deviation at which a payload estimate has half weight", "kg", (1e-6, 1e3)
     )
+    trusted_friction: float = parameter(
+        0.1, "S, standard deviation at which the friction of a link has half weight", "N m s/rad", (1e-9, 1e3)
+    )
     heaviest: float = parameter(5.0, "largest payload that the model is corrected for", "kg", (0.0, 1e3))
+    most_friction: float = parameter(
+        2.0, "largest change of a link's viscous friction that the model is corrected for", "N m s/rad", (0.0, 1e3)
+    )
 
     def adaptive(self) -> AdaptiveLimitCycle:
         """The controller that corrects its model; raises ParameterError or DeviceError."""
@@ -61,12 +69,22 @@ class ModalLimitCycleParameters(ControllerParameters):
         return AdaptiveLimitCycle(
             self.controller(),
             CorrectionRule(*times, self.trusted_payload, 0.0, self.heaviest),
+            CorrectionRule(*times, self.trusted_friction, -self.most_friction, self.most_friction),
             CorrectionRule(*times, self.trusted_deviation, -scale, scale),
         )
 
     def build(self) -> ControlledArm:
         controller: Any = self.adaptive() if self.adapt else self.controller()
+        self._check_level(controller.published.cycle if self.adapt else controller.cycle)
         return ControlledArm.with_holding(load_vsa_arm(self.arm), controller)
+
+    def _check_level(self, cycle: ModalLimitCycle) -> None:
+        limit, share = demand_of(cycle)
+        if share > 1.0:
+            largest = largest_level(cycle)
+            remedy = f"largest level: {largest:.2g}" if largest > 0.0 else "choose another mode or equilibrium"
+            needed = f"{share:.3g} times the {limit}" if isfinite(share) else f"more than the {limit}"
+            raise ParameterError(f"level {self.level:g} of mode {self.mode} needs {needed}; {remedy}")
 
     def controller(self) -> VsaModalLimitCycle:
         """The controller with the model of the file; raises ParameterError or DeviceError."""

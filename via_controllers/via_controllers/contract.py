@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from via_core.errors import ParameterError
 from via_core.signals import Array
+from via_core.vsa_arms import VsaArm
 
 State = TypeVar("State")
 Sample = TypeVar("Sample")  # JointSample or ArmSample
@@ -101,6 +102,10 @@ class ArmController(ControlLaw[State, ArmSample]):
     @abstractmethod
     def init(self, sample: ArmSample) -> State:
         """The state before the first sample; `sample` is this first sample and valid."""
+
+    def model(self, state: State) -> VsaArm | None:
+        """The arm as far as the controller knows it in `state`; None: as its file says."""
+        return None
 
 
 def passive(motors: int) -> Torques:

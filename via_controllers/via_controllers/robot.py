@@ -45,9 +45,9 @@ class ControlledArm:
     damping = 0.0  # an arm has no dampers
 
     @classmethod
-    def with_holding(cls, arm: VsaArm, controller: ArmController[Any]) -> ControlledArm:
-        """The arm with this controller, the default limits and `HoldStill`."""
-        return cls(arm.name, arm.joints, Supervisor(controller, HoldStill(arm), ArmLimits(arm)))
+    def with_holding(cls, arm: VsaArm, controller: ArmController[Any], delay: float = 0.0) -> ControlledArm:
+        """The arm with this controller, the default limits and `HoldStill`; torques act `delay` [s] after stamps."""
+        return cls(arm.name, arm.joints, Supervisor(controller, HoldStill(arm), ArmLimits(arm), delay))
 
     @property
     def command_name(self) -> str:
@@ -115,11 +115,14 @@ class ControllerParameters(ABC):
 
     autostart: bool = parameter(True, "configure and activate at start-up")
     told_every: int = parameter(1, "number of samples per ControlState message", "", (1, 1_000_000))
+    delay: float = parameter(
+        0.0, "time from a sample's stamp until its torque acts; the motion is predicted", "s", (0.0, 0.1), live=True
+    )
 
     def tuned(self, supervisor: Any) -> Any:
         """The supervisor with the live parameters in its controller; what holds the robot still is not changed."""
         if "controller" in {each.name for each in fields(supervisor)}:
-            return replace(supervisor, controller=self._with_live(supervisor.controller))
+            return replace(supervisor, controller=self._with_live(supervisor.controller), delay=self.delay)
         return replace(supervisor, supervisor=self.tuned(supervisor.supervisor))
 
     def _with_live(self, part: Any) -> Any:

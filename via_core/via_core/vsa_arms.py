@@ -161,17 +161,18 @@ class VsaArm:
         object.__setattr__(self, "_along", tuple(np.eye(n)))
         object.__setattr__(self, "_rows", np.array([spring.coefficients() for spring in self.springs]))
 
-    def corrected(self, payload: float, spring_scale: Array) -> VsaArm:
+    def corrected(self, payload: float, spring_scale: Array, link_friction: Array | float = 0.0) -> VsaArm:
         """This arm with a point mass `payload` [kg] at the tip, its spring torques times `spring_scale` (n,) [-].
 
-        For controllers that correct their model while they run: arguments are not checked, and the arm shares the
-        workspace of this one.
+        `link_friction` (n,) [N m s/rad] is added to the viscous friction of the links. For controllers that correct
+        their model while they run: arguments are not checked, and the arm shares the workspace of this one.
         """
         arm, model, frame = copy(self), self.model.copy(), self.model.frames[self._tip]
         point = pinocchio.Inertia(payload, frame.placement.translation, np.zeros((3, 3)))
         model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] + point
         object.__setattr__(arm, "model", model)
         object.__setattr__(arm, "spring_scale", locked(self.spring_scale * spring_scale, "spring_scale"))
+        object.__setattr__(arm, "link_friction", locked(self.link_friction + link_friction, "link_friction"))
         return arm
 
     @property

@@ -1,4 +1,4 @@
-"""Payload of an arm of flexible joints: the mass at its tip, from motor torques and the motion of links and motors.
+"""Payload of an arm of flexible joints, and friction of its links, from motor torques and motion of links and motors.
 
 The equations of links and motors, (9) and (10), added joint by joint do not contain the springs:
 
@@ -8,7 +8,9 @@ M, C and g are linear in a point mass m at the tip. With the momentum p = M qd +
 
     d/dt (p_0 + m p_1) = C_0' qd - Dq qd - g_0 - D thd + m (C_1' qd - g_1) - c qd - F sign(thd) + tau
 
-is multiplied by a modulating function psi and integrated by parts, so that no acceleration is needed. Joint by joint
+is multiplied by a modulating function psi and integrated by parts, so that no acceleration is needed. Velocities are
+those between two samples, at the mean angles: velocities of drivers are filtered, and their unknown delay would look
+like friction. Joint by joint
 
     <-p_0, psi'> - <f_0, psi> - <tau, psi> = m (<p_1, psi'> + <f_1, psi>) - c <qd, psi> - F <sign(thd), psi>
 
@@ -17,7 +19,10 @@ friction c of the link and the dry friction F of the motor beyond those of the a
 filter with two equations per joint and window. The equations hold under any controller: a controller that uses the
 payload does not disturb its estimate.
 
-- The noise r_i^2 of each joint's equation is measured by its innovations.
+- The noise r_i^2 of each joint's equation is measured by how its innovations differ between a window and the next that
+  has no sample in common with it: s = e r / S^(1/2), r^2 -> mean of (s_k - s_(k-2))^2 / 2. A force that lasts does not
+  count as noise. What was learned counts by the noise as it is known now: whenever the variance of an equation changes
+  with r_i^2, so does the covariance of what it determines, up to that before any data.
 - A hand or a wall at the tip is a force that no mass explains: what an equation's innovations e contain besides the
   direction a of a mass, v = (e' S^-1 e - g) / (n - 1) with g = (a' S^-1 e)^2 / (a' S^-1 a), is 1 on average. Above 1,
   this window's noise is larger by that factor. A force lasts for many windows and is not averaged away: the share of
@@ -50,7 +55,7 @@ from via_estimators.contract import Estimator, Kernel, Parameters, expect, param
 from via_estimators.slots import row_of, slots
 from via_estimators.window import HEADER
 
-SIGNALS = ("q", "q_velocity", "theta", "theta_velocity", "tau")  # of each joint; effort as in `modulated_torque`
+SIGNALS = ("q", "theta", "tau")  # of each joint; effort as in `modulated_torque`
 ROWS_PER_WINDOW = 2  # as in `modulated_torque`
 ORDER = 5  # h of the modulating function w_hh
 NOISE_MEMORY = 40.0  # equations over which noise is measured
@@ -63,11 +68,13 @@ P = slots(
     "length", "max_gap", "noise", "payload_deviation", "damping_deviation", "friction_deviation", "payload_drift",
     "still", "lightest", "heaviest",
 )  # fmt: skip
+ACROSS = 0.05  # of a window: time before and after, over which the direction of a motor is measured
 MISFIT, FADING = 0.3, 0.8  # share of the torques from which a misfit is IMPLAUSIBLE; factor on it per window
 # Samples since the last window; windows taken; time of the last one [s]; variance of m due to forces [kg^2]; share of
 # the squared torques that is not explained, the largest one, fading.
 HEAD = slots("since", "taken", "before", "forces", "misfit")
-PART = slots("momentum", "force", "unit_momentum", "unit_force", "velocity", "direction", "still", "tau")
+# Of the interval between two samples, but for the motor's angle at its end.
+PART = slots("momentum", "force", "unit_momentum", "unit_force", "velocity", "theta", "tau")
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ class PayloadParameters(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class Payload(Estimator):
-    """The payload of `arm`; one output, `payload` [kg]."""
+    """The payload of `arm` [kg], and the viscous friction of each link beyond the file's [N m s/rad], base first."""
 
     arm: VsaArm
     parameters: PayloadParameters = PayloadParameters()
@@ -111,7 +118,7 @@ class Payload(Estimator):
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        return ("payload",)
+        return ("payload", *(f"link_friction_{joint}" for joint in range(1, self.arm.n + 1)))
 
     @cached_property
     def _constants(self) -> Array:
@@ -119,11 +126,11 @@ class Payload(Estimator):
 
     def init(self) -> Array:
         own, n, length = self.parameters, self.arm.n, self.parameters.window + 1
-        state = np.zeros(_ring_at(n) + length * (1 + PART.size * n))
+        state = np.zeros(_angles_at(n, length) + 2 * n)
         window.start(state)
-        value, sd = window.outputs(state, 1)
-        value[0], sd[0] = 0.0, own.payload_deviation
-        _, variance, noise, weight = _filter(state, n)
+        value, sd = window.outputs(state, 1 + n)
+        value[:], sd[0], sd[1:] = 0.0, own.payload_deviation, own.damping_deviation
+        _, variance, noise, weight, _ = _filter(state, n)
         variance[np.diag_indices(1 + 2 * n)] = np.concatenate(
             [[own.payload_deviation**2], np.full(n, own.damping_deviation**2), np.full(n, own.friction_deviation**2)]
         )
@@ -136,28 +143,32 @@ class Payload(Estimator):
         return self._fold_rows
 
     def _fold_rows(self, state: Array, rows: Array, out: Array) -> int:
-        """Momentum and forces of each sample by pinocchio, then the compiled fold of one sample."""
-        status, n = BAD_SAMPLE, self.arm.n
+        """Momentum and forces of each interval by pinocchio, then the compiled fold of one sample."""
+        status, n, length = BAD_SAMPLE, self.arm.n, self.parameters.window + 1
+        before = state[_angles_at(n, length) :].reshape(2, n)
         for row, written in zip(rows, out, strict=True):
-            parts = self._parts(row[1:].reshape(len(SIGNALS), n))
+            sample, step = row[1:].reshape(len(SIGNALS), n), float(row[0] - state[HEADER.last])
+            followed = state[HEADER.samples] > 0.0 and 0.0 < step <= self.parameters.max_gap
+            parts = self._parts(before if followed else sample[:2], sample, step)
             status = _take(state, float(row[0]), parts, self._constants, written)
+            if status != BAD_SAMPLE:
+                before[:] = sample[:2]
         return status
 
-    def _parts(self, sample: Array) -> Array:
-        """(PART.size, n) of a sample (5, n)."""
-        q, v, _, w, tau = sample
+    def _parts(self, before: Array, sample: Array, step: float) -> Array:
+        """(PART.size, n) of a sample (3, n), `step` [s] after the angles `before` (2, n) of links and motors."""
         parts = np.full((PART.size, self.arm.n), np.nan)
         if not np.isfinite(sample).all() or np.abs(sample).max() > window.LARGEST:
             return parts
-        arm, loaded = self.arm, self._loaded
+        arm, loaded, (_, theta, tau) = self.arm, self._loaded, sample
+        v, w = (sample[:2] - before) / step if step > 0.0 else np.zeros((2, arm.n))
+        q = 0.5 * (before[0] + sample[0])
         momentum, force = arm.inertia(q) @ v, arm.coriolis(q, v).T @ v - arm.gravity(q)
         heavier, pushed = loaded.inertia(q) @ v, loaded.coriolis(q, v).T @ v - loaded.gravity(q)
         parts[PART.momentum] = momentum + arm.motor_inertia * w
         parts[PART.force] = force - arm.link_friction * v - arm.motor_friction * w
         parts[PART.unit_momentum], parts[PART.unit_force] = heavier - momentum, pushed - force
-        still = np.abs(w) <= self.parameters.still
-        parts[PART.velocity], parts[PART.direction], parts[PART.still] = v, np.where(still, 0.0, np.sign(w)), still
-        parts[PART.tau] = tau
+        parts[PART.velocity], parts[PART.theta], parts[PART.tau] = v, theta, tau
         return parts
 
     def condition(self, state: Array) -> float:
@@ -171,19 +182,34 @@ class Payload(Estimator):
 
 
 @njit(cache=True, error_model="numpy")
-def _ring_at(n: int) -> int:
-    """Position of the ring buffer, after header, outputs, HEAD, x, its covariance, noise and its weight."""
-    k = 1 + 2 * n
-    return HEADER.size + 2 + HEAD.size + k + k * k + 2 * n
+def _head_at(n: int) -> int:
+    """Position of HEAD, after the header, 1 + n outputs and their standard deviations."""
+    return HEADER.size + 2 * (1 + n)
 
 
 @njit(cache=True, error_model="numpy")
-def _filter(state: Array, n: int) -> tuple[Array, Array, Array, Array]:
-    """Views: x (1 + 2 n,), covariance, noise r^2 (n,) [N^2 m^2] and the number of equations it was measured by (n,)."""
-    k, at = 1 + 2 * n, HEADER.size + 2 + HEAD.size
+def _ring_at(n: int) -> int:
+    """Position of the ring buffer, after header, outputs, HEAD and the arrays of `_filter`."""
+    k = 1 + 2 * n
+    return _head_at(n) + HEAD.size + k + k * k + 4 * n
+
+
+@njit(cache=True, error_model="numpy")
+def _angles_at(n: int, length: int) -> int:
+    """Position of the last angles of links and motors (2, n), after the ring buffer."""
+    return _ring_at(n) + length * (1 + PART.size * n)
+
+
+@njit(cache=True, error_model="numpy")
+def _filter(state: Array, n: int) -> tuple[Array, Array, Array, Array, Array]:
+    """Views: x (1 + 2 n,); its covariance; noise r^2 (n,) [N^2 m^2]; by how many equations (n,); s (2, n) [N m].
+
+    s is the noise in the last two innovations, the latest first.
+    """
+    k, at = 1 + 2 * n, _head_at(n) + HEAD.size
     x, variance = state[at : at + k], state[at + k : at + k + k * k].reshape(k, k)
     at += k + k * k
-    return x, variance, state[at : at + n], state[at + n : at + 2 * n]
+    return x, variance, state[at : at + n], state[at + n : at + 2 * n], state[at + 2 * n : at + 4 * n].reshape(2, n)
 
 
 @njit(cache=True, error_model="numpy")
@@ -197,7 +223,7 @@ def _take(state: Array, time: float, parts: Array, own: Array, out: Array) -> in
     if entered == window.SKIPPED:
         window.answer(state, BAD_SAMPLE, out)
         return BAD_SAMPLE
-    head = state[HEADER.size + 2 : HEADER.size + 2 + HEAD.size]
+    head = state[_head_at(n) : _head_at(n) + HEAD.size]
     slot = int(state[HEADER.slot])
     columns[:, slot] = row[1:]
     head[HEAD.since] = 0.0 if entered == window.RESTARTED else head[HEAD.since] + 1.0
@@ -206,12 +232,15 @@ def _take(state: Array, time: float, parts: Array, own: Array, out: Array) -> in
         head[HEAD.since] = 0.0
         _window(state, times, columns.reshape(PART.size, n, length), own)
         head[HEAD.taken] += 1.0
-    x, variance, _, _ = _filter(state, n)
-    value, sd = window.outputs(state, 1)
+    x, variance, _, _, _ = _filter(state, n)
+    value, sd = window.outputs(state, 1 + n)
     status = WARMING_UP
     if head[HEAD.taken] >= EARLIEST:
         passed = max(time - head[HEAD.before], 0.0)
-        value[0], sd[0] = x[0], np.sqrt(variance[0, 0] + head[HEAD.forces] + own[P.payload_drift] ** 2 * passed)
+        value[:] = x[: 1 + n]
+        for i in range(n + 1):
+            sd[i] = np.sqrt(variance[i, i])
+        sd[0] = np.sqrt(variance[0, 0] + head[HEAD.forces] + own[P.payload_drift] ** 2 * passed)
         status = OK
         if sd[0] > INFORMED * own[P.payload_deviation]:
             status = NOT_EXCITED
@@ -228,23 +257,24 @@ def _take(state: Array, time: float, parts: Array, own: Array, out: Array) -> in
 def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
     """Add the equations of the full window to the filter."""
     n, length = columns.shape[1], times.size
-    psi, held = np.empty((3, length)), np.empty(length)
+    psi, held, slope = np.empty((3, length)), np.empty(length), np.empty(length)
     newest = int(state[HEADER.slot])
     window.weigh(ORDER, times, newest, psi, held)
-    head = state[HEADER.size + 2 : HEADER.size + 2 + HEAD.size]
-    x, variance, noise, weight = _filter(state, n)
+    window.hold_slope(times, newest, psi[0], slope)
+    head = state[_head_at(n) : _head_at(n) + HEAD.size]
+    x, variance, noise, weight, recent = _filter(state, n)
     passed = times[newest] - head[HEAD.before] if head[HEAD.taken] > 0.0 else 0.0
     head[HEAD.before] = times[newest]
     variance[0, 0] += own[P.payload_drift] ** 2 * passed
     A, y, R, torques = np.zeros((n, x.size)), np.empty(n), np.empty(n), 0.0
     for i in range(n):
-        A[i, 0] = psi[1] @ columns[PART.unit_momentum, i] + psi[0] @ columns[PART.unit_force, i]
-        A[i, 1 + i] = -(psi[0] @ columns[PART.velocity, i])
-        A[i, 1 + n + i] = -(psi[0] @ columns[PART.direction, i])
+        A[i, 0] = slope @ columns[PART.unit_momentum, i] + held @ columns[PART.unit_force, i]
+        A[i, 1 + i] = -(held @ columns[PART.velocity, i])
+        direction, stuck = _directions(times, columns[PART.theta, i], newest, psi[0], own[P.still])
+        A[i, 1 + n + i] = -direction
         torque = held @ columns[PART.tau, i]
-        y[i] = -(psi[1] @ columns[PART.momentum, i]) - psi[0] @ columns[PART.force, i] - torque
+        y[i] = -(slope @ columns[PART.momentum, i]) - held @ columns[PART.force, i] - torque
         torques += torque**2
-        stuck = psi[0] @ columns[PART.still, i]
         friction = x[1 + n + i] ** 2 + variance[1 + n + i, 1 + n + i]
         R[i] = noise[i] + friction * stuck**2
     e = y - A @ x
@@ -257,11 +287,24 @@ def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
     more = max(unexplained, 1.0) if n > 1 else 1.0
     if explained > JUMP**2 * more:
         variance[0, 0] += mass**2 - 1.0 / information
+    scale = np.ones(x.size)
     for i in range(n):
-        count = min(weight[i], NOISE_MEMORY)
-        noise[i] = (count * noise[i] + e[i] ** 2 * R[i] / S[i, i] * noise[i] / R[i] / more) / (count + 1.0)
-        weight[i] = count + 1.0
+        now = e[i] * np.sqrt(noise[i] / S[i, i])
+        if head[HEAD.taken] >= recent.shape[0]:
+            count, change = min(weight[i], NOISE_MEMORY), 0.5 * (now - recent[1, i]) ** 2
+            before = noise[i]
+            noise[i] *= (count + min(change / before, JUMP**2)) / (count + 1.0)
+            weight[i] = count + 1.0
+            factor = 1.0 + (noise[i] - before) / R[i]
+            share = A[i, 0] * along[i] / information if information > 0.0 else 0.0
+            scale[0] += share * (factor - 1.0)
+            scale[1 + i] = scale[1 + n + i] = factor
+        recent[1, i], recent[0, i] = recent[0, i], now
         R[i] *= more
+    for i in range(x.size):
+        first = own[P.payload_deviation] if i == 0 else own[P.damping_deviation if i <= n else P.friction_deviation]
+        scale[i] = np.sqrt(max(min(scale[i], max(first**2 / variance[i, i], 1.0)), 0.0))
+    variance[:, :] *= np.outer(scale, scale)
     S = A @ variance @ A.T + np.diag(R)
     if information > 0.0:
         moved = min(variance[0, 0] * (A[:, 0] @ np.linalg.solve(S, np.ascontiguousarray(A[:, 0]))), 1.0)
@@ -273,3 +316,21 @@ def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
     left = y - A @ x
     share = (left @ left) / torques if torques > 0.0 else 0.0
     head[HEAD.misfit] = max(min(share, 1.0), FADING * head[HEAD.misfit])
+
+
+@njit(cache=True, error_model="numpy")
+def _directions(times: Array, theta: Array, newest: int, weights: Array, still: float) -> tuple[float, float]:
+    """<sign(thd), psi> of a motor, and <1, psi> over the times at which it is no faster than `still` [rad/s].
+
+    Angles (L,) are compared over ACROSS of the window before and after: neighbours differ by steps of the encoder.
+    """
+    length, direction, stuck = times.size, 0.0, 0.0
+    far = max(int(ACROSS * length), 1)
+    for k in range(length):
+        late, early = newest - max(k - far, 0), newest - min(k + far, length - 1)
+        speed = (theta[late] - theta[early]) / (times[late] - times[early])  # negative positions count from the end
+        if abs(speed) <= still:
+            stuck += weights[newest - k]
+        else:
+            direction += weights[newest - k] * np.sign(speed)
+    return direction, stuck

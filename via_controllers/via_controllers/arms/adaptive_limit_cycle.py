@@ -1,13 +1,15 @@
-"""Modal limit cycle whose model is corrected while it runs: a payload at the tip, and a scale of each spring.
+"""Modal limit cycle whose model is corrected while it runs: payload at the tip, friction of links, scales of springs.
 
     M, C, g      those of the file plus a point mass x_0 at the tip
+    Dq           of joint i: that of the file plus c_i
     tau_e, sigma of joint i: those of the file times exp(x_i)
 
-x follows estimates as `correction` describes; x = 0 is `modal_limit_cycle_vsa` itself. The payload is estimated as
-such; x_i comes from an estimate of the joint's stiffness, divided by that of the spring law at the same deflection.
-K_d, q_d and H_d remain those of the parameters: the arm moves in its modes with payload, on the same level H_d.
+x and c follow estimates as `correction` describes; with 0 it is `modal_limit_cycle_vsa` itself. Payload and friction
+are estimated as such; x_i comes from an estimate of the joint's stiffness, divided by that of the spring law at the
+same deflection. K_d, q_d and H_d remain those of the parameters: the arm moves in its modes with payload, on the same
+level H_d.
 
-With x within delta of the truth the links accelerate by qdd + O(delta) for the wanted qdd. (103) becomes
+With x and c within delta of the truth the links accelerate by qdd + O(delta) for the wanted qdd. (103) becomes
 Hd = -k_V (H - H_d) zd_k^2 + O(delta) zd_k, so that |H - H_d| and the other modes, which are damped, are ultimately
 bounded in proportion to delta, which vanishes with the estimator's error. The changing model adds x' times a bounded
 torque: the motion stays slow against it because |x'| is bounded. Limits of torque, speed and deflection are enforced
@@ -39,7 +41,9 @@ class AdaptiveSwing:
     """State after a sample."""
 
     swing: Swing
+    arm: VsaArm  # as far as it is known
     payload: Correction  # [kg]
+    friction: tuple[Correction, ...]  # of each link, beyond the file's [N m s/rad]
     springs: tuple[Correction, ...]  # log of each spring's scale [-]
     deflection: Array  # (n,) [rad] at the last sample
     deflection_rate: Array  # (n,) [rad/s]
@@ -47,10 +51,11 @@ class AdaptiveSwing:
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveLimitCycle(ArmController[AdaptiveSwing]):
-    """`published` with a corrected model; the rules bound payload [kg] and log scales [-]."""
+    """`published` with a corrected model; the rules bound payload [kg], friction [N m s/rad] and log scales [-]."""
 
     published: VsaModalLimitCycle
     payload_rule: CorrectionRule
+    friction_rule: CorrectionRule
     spring_rule: CorrectionRule
 
     @property
@@ -61,39 +66,52 @@ class AdaptiveLimitCycle(ArmController[AdaptiveSwing]):
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
         joints = range(1, self.arm.n + 1)
+        friction = (Quantity(f"link_friction_{joint}", "N m s/rad") for joint in joints)
         scales = (Quantity(f"spring_scale_{joint}", "-") for joint in joints)
-        return (*self.published.quantities, Quantity("payload", "kg"), *scales)
+        return (*self.published.quantities, Quantity("payload", "kg"), *friction, *scales)
 
     def observe(self, state: AdaptiveSwing) -> Array:
-        scales = [exp(each.value) for each in state.springs]
-        return np.concatenate([self.published.observe(state.swing), [state.payload.value, *scales]])
+        friction, scales = [each.value for each in state.friction], [exp(each.value) for each in state.springs]
+        return np.concatenate([self.published.observe(state.swing), [state.payload.value, *friction, *scales]])
 
     def init(self, sample: ArmSample) -> AdaptiveSwing:
-        none = Correction()
-        return AdaptiveSwing(self.published.init(sample), none, (none,) * self.arm.n, *_deflected(sample))
+        none, each = Correction(), (Correction(),) * self.arm.n
+        return AdaptiveSwing(self.published.init(sample), self.arm, none, each, each, *_deflected(sample))
+
+    def model(self, state: AdaptiveSwing) -> VsaArm:
+        return state.arm
 
     def step(self, state: AdaptiveSwing, sample: ArmSample) -> tuple[AdaptiveSwing, Torques]:
         if not sample.valid:
             return state, passive(self.arm.n)
         passed = max(sample.time - state.swing.time, 0.0)
         payload = self.payload_rule.advanced(state.payload, sample.time, passed)
+        friction = tuple(self.friction_rule.advanced(each, sample.time, passed) for each in state.friction)
         springs = tuple(self.spring_rule.advanced(each, sample.time, passed) for each in state.springs)
-        swing, torques = self.controller_for(payload, springs).step(state.swing, sample)
-        return AdaptiveSwing(swing, payload, springs, *_deflected(sample)), torques
+        controller = self.controller_for(payload, friction, springs)
+        swing, torques = controller.step(state.swing, sample)
+        return AdaptiveSwing(swing, controller.cycle.arm, payload, friction, springs, *_deflected(sample)), torques
 
-    def controller_for(self, payload: Correction, springs: tuple[Correction, ...]) -> VsaModalLimitCycle:
+    def controller_for(
+        self, payload: Correction, friction: tuple[Correction, ...], springs: tuple[Correction, ...]
+    ) -> VsaModalLimitCycle:
         """The controller with this model; `published` itself without any correction."""
-        logs = [each.value for each in springs]
-        if payload.value == 0.0 and not any(logs):
+        viscous, logs = [each.value for each in friction], [each.value for each in springs]
+        if payload.value == 0.0 and not any(viscous) and not any(logs):
             return self.published
-        return self.published.on(self.arm.corrected(payload.value, np.exp(logs)))
+        return self.published.on(self.arm.corrected(payload.value, np.exp(logs), np.array(viscous)))
 
     def with_payload(
-        self, state: AdaptiveSwing, stamp: float, status: Status, value: float, standard_deviation: float
+        self, state: AdaptiveSwing, stamp: float, status: Status, value: Array, standard_deviation: Array
     ) -> AdaptiveSwing:
-        """`state` with an estimate of the payload [kg] at `stamp` [s], in the time of samples."""
-        payload = self.payload_rule.informed(state.payload, stamp, status, value, standard_deviation)
-        return replace(state, payload=payload)
+        """`state` with an estimate of payload [kg] and friction of the links [N m s/rad], (1 + n,), at `stamp` [s].
+
+        Stamps are in the time of samples.
+        """
+        payload = self.payload_rule.informed(state.payload, stamp, status, value[0], standard_deviation[0])
+        found = zip(state.friction, value[1:], standard_deviation[1:], strict=True)
+        friction = tuple(self.friction_rule.informed(each, stamp, status, *estimate) for each, *estimate in found)
+        return replace(state, payload=payload, friction=friction)
 
     def with_stiffness(
         self, state: AdaptiveSwing, joint: int, stamp: float, status: Status, value: float, standard_deviation: float

@@ -6,9 +6,9 @@ subscribes with `adapt`  /<arm>/payload       via_interfaces/PayloadEstimate, of
                          /<joint>/stiffness   via_interfaces/StiffnessEstimate of each joint, of node `estimator` with
                                               devices `<arm>:<joint>`
 
-Other topics and the lifecycle: see `controller`. /<arm>/control also reports payload and scale of each spring in the
-model. The correction starts anew whenever the controller is activated. An estimate that is not OK, or none for .1 s,
-takes the model back to that of the file.
+Other topics and the lifecycle: see `controller`. /<arm>/control also reports payload, friction of links and scales of
+springs in the model. The correction starts anew whenever the controller is activated. An estimate that is not OK, or
+none for .1 s, takes the model back to that of the file.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import numpy as np
 from via_core.status import Status
 from via_interfaces.msg import PayloadEstimate, StiffnessEstimate
 from via_ros import qos
@@ -45,8 +46,11 @@ class AdaptiveLimitCycleNode(ControllerNode):
 
     def _payload(self, message: PayloadEstimate) -> None:
         time, status = self.time_of(message.header.stamp), Status(message.status)
-        given = (time, status, message.value, message.standard_deviation)
-        self.update(lambda state: self._controller.with_payload(state, *given))
+        value, sd = np.full((2, 1 + self._controller.arm.n), np.nan)  # what a message lacks is not used
+        value[0], sd[0] = message.value, message.standard_deviation
+        if len(message.link_friction) == len(message.link_friction_standard_deviation) == len(value) - 1:
+            value[1:], sd[1:] = message.link_friction, message.link_friction_standard_deviation
+        self.update(lambda state: self._controller.with_payload(state, time, status, value, sd))
 
     def _stiffness(self, joint: int, message: StiffnessEstimate) -> None:
         time, status = self.time_of(message.header.stamp), Status(message.status)

@@ -148,7 +148,7 @@ class ControllerNode(LifecycleNode):
 
     def _set_up(self) -> None:
         self._robot, inputs = self._connect(self._settings)
-        self._supervisor = self._robot.supervisor
+        self._supervisor = self._settings.tuned(self._robot.supervisor)
         self._state = self._supervisor.init()
         _warm_up(self._robot)
         self._writer = AnswerWriter(self._robot, self.get_name())

@@ -6,8 +6,9 @@
     motors that do not follow  no torque, see `following`            PASSIVE
     the controller fails       no torque                             PASSIVE
 
-Limits are enforced in every case. A controller restarts with the first sample after it is selected, after a stamp that
-goes backward, and after a gap, because its state no longer fits the motion. For joints see `joint_supervision`.
+Controllers and limits get the sample as it will be when its torques act (`delay`). Limits are enforced in every case. A
+controller restarts with the first sample after it is selected, after a stamp that goes backward, and after a gap,
+because its state no longer fits the motion. For joints see `joint_supervision`.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from typing import Any
 import numpy as np
 from via_core.signals import Array
 
-from via_controllers.contract import ArmController, ArmSample
+from via_controllers.contract import ArmController, ArmSample, require
 from via_controllers.supervision.arm_limits import LIMITS, TORQUE, ArmLimits, Limit
+from via_controllers.supervision.delay import Sent, ahead, mean_torque, still_acting
 from via_controllers.supervision.following import Following, FollowingDetection
 from via_controllers.supervision.measured_motion import MeasuredMotion, fault_of
 
@@ -60,6 +62,7 @@ class Supervised:
     inner: Any = None  # state of the controller that ran then
     time: float = -np.inf  # [s] of the last usable sample
     torque: Array | None = None  # (n,) [N m] that acts since then; None: no torque
+    sent: tuple[Sent, ...] = ()  # commands that act after that sample
     following: Following | None = None
     motion: MeasuredMotion | None = None
     active: bool = False
@@ -67,14 +70,19 @@ class Supervised:
 
 @dataclass(frozen=True, eq=False)
 class Supervisor:
-    """A controller, a holding controller and the limits of an arm."""
+    """A controller, a holding controller and the limits of an arm, whose torques act `delay` [s] after stamps.
+
+    Raises ParameterError for a negative delay.
+    """
 
     controller: ArmController[Any]
     holding: ArmController[Any]
     limits: ArmLimits
+    delay: float = 0.0
     _followed: FollowingDetection = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        require(self.delay >= 0.0, f"delay must be >= 0 s, got {self.delay}")
         object.__setattr__(self, "_followed", FollowingDetection(self.limits.arm))
 
     def init(self) -> Supervised:
@@ -95,16 +103,23 @@ class Supervisor:
             return waiting, replace(self.passive(), fault=LOST)
         deciding, controller = (Activity.ACTIVE, self.controller) if active else (Activity.HOLDING, self.holding)
         continued = state.deciding is deciding and 0.0 <= sample.time - state.time <= GAP
+        sent = still_acting(state.sent, sample.time, self.delay) if 0.0 < sample.time - state.time <= GAP else ()
         try:
-            inner, out = controller.step(state.inner if continued else controller.init(sample), sample)
+            arm = (controller.model(state.inner) if continued else None) or self.limits.arm
+            seen, limited = sample, motion.corrected
+            if self.delay > 0.0:
+                seen, limited = (ahead(arm, each, sent, self.delay) for each in (seen, limited))
+            inner, out = controller.step(state.inner if continued else controller.init(seen), seen)
         except Exception as error:  # whatever fails in it, the node lives and the motors get no torque
             return waiting, self._without(f"the controller fails on a sample: {type(error).__name__}: {error}")
         step = sample.time - state.time
-        torque, changed = self.limits.kept(motion.corrected, out.torque, step if 0.0 < step <= GAP else 0.0)
+        torque, changed = self.limits.kept(limited, out.torque, step if 0.0 < step <= GAP else 0.0)
         if out.saturated:
             changed = LIMITS[changed | TORQUE]
         applied = torque if acts else None
-        state = replace(waiting, deciding=deciding, inner=inner, torque=applied)
+        if acts and self.delay > 0.0:
+            sent = (*sent, Sent(sample.time, torque))
+        state = replace(waiting, deciding=deciding, inner=inner, torque=applied, sent=sent)
         return state, Answer(torque, deciding, changed)
 
     def passive(self) -> Answer:
@@ -117,7 +132,10 @@ class Supervisor:
     def _following(self, state: Supervised, sample: ArmSample, active: bool) -> Following:
         if state.following is None or active != state.active:
             return self._followed.init(sample)
-        return self._followed.step(state.following, sample, state.torque, GAP)
+        torque = state.torque
+        if self.delay > 0.0 and torque is not None and sample.time > state.time:
+            torque = np.asarray(mean_torque(state.sent, state.time, sample.time, self.delay))
+        return self._followed.step(state.following, sample, torque, GAP)
 
     def updated(self, state: Supervised, change: Change) -> Supervised:
         """`state` with `change` applied to the controller's state; unchanged while the controller is not active."""

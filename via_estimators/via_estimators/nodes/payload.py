@@ -1,9 +1,9 @@
-"""Node `payload`: the payload at the tip of an arm of flexible joints, from its joint states.
+"""Node `payload`: payload at the tip of an arm of flexible joints and friction of its links, from its joint states.
 
 ros2 run via_estimators payload --ros-args -p arm:=reference_4dof
 
-subscribes  /joint_states    sensor_msgs/JointState with all links and motors of the arm: angles, velocities, and the
-                             motors' efforts, the torques over the interval that ends at the stamp
+subscribes  /joint_states    sensor_msgs/JointState with all links and motors of the arm: angles, and the motors'
+                             efforts, the torques over the interval that ends at the stamp
 publishes   /<arm>/payload   via_interfaces/PayloadEstimate, one for each sample
             /diagnostics     once per second of wall time
 offers      ~/reset          via_interfaces/ResetEstimator: forget all samples
@@ -39,8 +39,7 @@ from via_estimators.payload import SIGNALS, Payload, PayloadParameters
 
 REPORT = 1.0  # [s] between two diagnostics
 PLACES = {  # signal -> array of a JointState, and whether it is of the motor
-    "q": ("position", False), "q_velocity": ("velocity", False), "theta": ("position", True),
-    "theta_velocity": ("velocity", True), "tau": ("effort", True),
+    "q": ("position", False), "theta": ("position", True), "tau": ("effort", True)
 }  # fmt: skip
 
 
@@ -75,7 +74,9 @@ class PayloadNode(Node):
             return
         message = self._message
         message.status = int(self._live.take(self._reader.rows[0]))
-        message.value, message.standard_deviation = self._live.numbers.tolist()
+        value, sd = self._live.value.tolist(), self._live.standard_deviation.tolist()
+        message.value, message.standard_deviation = value[0], sd[0]
+        message.link_friction, message.link_friction_standard_deviation = value[1:], sd[1:]
         set_stamp(message.header.stamp, joints.stamp)
         self._estimates.publish(message)
         message.sequence += 1

@@ -1,8 +1,8 @@
 """Limits of an arm with the adaptive limit cycle, and bounds of its model, under right and under faulty estimates.
 
 Runs are those of `limits`, shorter, with a random payload and springs that differ from the file. In half of them the
-estimates are right: true payload and stiffness with 2 % noise, status OK. In the other half they are faulty: random,
-infinite or NaN values and standard deviations with random status, constant for about 20 samples.
+estimates are right: true payload, friction and stiffness with 2 % noise, status OK. In the other half they are faulty:
+random, infinite or NaN values and standard deviations with random status, constant for about 20 samples.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import partial
-from math import log
 
 import numpy as np
 from via_bringup.demo.reference import ARM
@@ -30,14 +29,15 @@ from via_validation.tables.rows import Row
 
 DURATION = 0.4  # [s] of a run
 PAYLOAD, SPRINGS = 1.1, 0.2  # [kg] largest payload; largest relative change of a spring's torque
+FRICTION = 0.5  # [N m s/rad] largest viscous friction of a link
 QUICK = 0.02  # [s] times of the correction, so that a short run corrects and falls back
 CHANGED = 0.05  # share of samples at which faulty estimates change
 NOISE = 0.02  # relative noise of right estimates
 WRONG = (np.nan, np.inf, -np.inf, -1e9, 0.0, 0.5, 30.0, 1e9)  # faulty values and standard deviations
 KINDS = ("right estimates", "faulty estimates")
 SETTINGS = (
-    f"as limits.1, {DURATION:g} s; payload up to {PAYLOAD:g} kg, springs up to {SPRINGS:.0%} off; modes 1 and 2 in "
-    f"turn; times of the correction {QUICK:g} s"
+    f"as limits.1, {DURATION:g} s; payload up to {PAYLOAD:g} kg, friction of links up to {FRICTION:g} N m s/rad, "
+    f"springs up to {SPRINGS:.0%} off; modes 1 and 2 in turn; times of the correction {QUICK:g} s"
 )
 
 
@@ -49,19 +49,24 @@ class _Informant:
     supervisor: Supervisor
     truth: VsaArm
     payload: float
+    friction: Array  # (n,) [N m s/rad] of the links
     faulty: bool
     random: np.random.Generator
     wrong: tuple[Array, Array, list[Status]] | None = None  # faulty values, standard deviations and status
-    furthest: Array = field(default_factory=lambda: np.zeros(2))  # payload over its bound, log scale over its bound
+    furthest: Array = field(default_factory=lambda: np.zeros(3))  # payload, friction, log scale over their bounds
 
     def __call__(self, state: Supervised, sample: ArmSample) -> Supervised:
         if not sample.valid:
             return state
         changed = self.supervisor.updated(state, partial(self._informed, sample))
         if isinstance(changed.inner, AdaptiveSwing):
-            logs = [abs(each.value) for each in changed.inner.springs]
-            now = changed.inner.payload.value / self.controller.payload_rule.high, max(logs) / log(LARGEST_FACTOR)
-            self.furthest = np.maximum(self.furthest, np.abs(now))
+            own, parts = self.controller, changed.inner
+            rules = (own.payload_rule, own.friction_rule, own.spring_rule)
+            groups = ((parts.payload,), parts.friction, parts.springs)
+            now = [
+                max(abs(each.value) for each in group) / rule.high for group, rule in zip(groups, rules, strict=True)
+            ]
+            self.furthest = np.maximum(self.furthest, now)
         return changed
 
     def _informed(self, sample: ArmSample, state: AdaptiveSwing) -> AdaptiveSwing:
@@ -69,16 +74,18 @@ class _Informant:
         if self.faulty:
             if self.wrong is None or self.random.random() < CHANGED:
                 status = [Status(int(each)) for each in self.random.integers(0, len(Status), 1 + n)]
-                self.wrong = (*self.random.choice(WRONG, (2, 1 + n)), status)
+                self.wrong = (*self.random.choice(WRONG, (2, 1 + 2 * n)), status)
             values, sds, status = self.wrong
         else:
             stiffness = self.truth.spring_state(sample.q - sample.theta)[1]
-            values = np.append(self.payload, stiffness) * (1.0 + self.random.normal(0.0, NOISE, 1 + n))
+            truth = np.concatenate([[self.payload], self.friction, stiffness])
+            values = truth * (1.0 + self.random.normal(0.0, NOISE, 1 + 2 * n))
             sds, status = NOISE * np.abs(values), [Status.OK] * (1 + n)
-        given = [(sample.time, *each) for each in zip(status, values.tolist(), sds.tolist(), strict=True)]
-        state = self.controller.with_payload(state, *given[0])
+        time, of_links = sample.time, slice(0, 1 + n)
+        state = self.controller.with_payload(state, time, status[0], values[of_links], sds[of_links])
         for joint in range(n):
-            state = self.controller.with_stiffness(state, joint, *given[1 + joint])
+            value, sd = float(values[1 + n + joint]), float(sds[1 + n + joint])
+            state = self.controller.with_stiffness(state, joint, time, status[1 + joint], value, sd)
         return state
 
 
@@ -86,13 +93,14 @@ def adaptive_run(seed: int) -> tuple[Worst, Array]:
     """Largest values of a run, and its largest corrections over their bounds; faulty estimates for odd seeds."""
     random = np.random.default_rng([seed, 1])
     payload, scale = float(random.uniform(0.0, PAYLOAD)), 1.0 + random.uniform(-SPRINGS, SPRINGS, ARM.n)
-    plant = ARM.corrected(payload, scale)
+    friction = random.uniform(0.0, FRICTION, ARM.n)
+    plant = ARM.corrected(payload, scale, friction)
     parameters = ModalLimitCycleParameters(
         mode=1 + seed // 2 % 2, adapt=True, correction_time=QUICK, fallback_time=QUICK
     )
     controller = parameters.adaptive()
     supervisor = Supervisor(controller, HoldStill(ARM), ArmLimits(ARM))
-    informant = _Informant(controller, supervisor, plant, payload, bool(seed % 2), random)
+    informant = _Informant(controller, supervisor, plant, payload, friction, bool(seed % 2), random)
     return disturbed_run(seed, supervisor, plant, DURATION, informant), informant.furthest
 
 
@@ -107,9 +115,11 @@ def adaptive_limit_rows(seeds: Iterable[int]) -> list[Row]:
             continue
         at, what = f"limits.adaptive.{number + 1}", f"{len(runs)} runs, adaptive limit cycle, {KINDS[number]}"
         rows += worst_rows(at, what, [worst for worst, _ in runs], SETTINGS)
-        payload, scale = np.max([furthest for _, furthest in runs], axis=0).tolist()
+        payload, viscous, scale = np.max([furthest for _, furthest in runs], axis=0).tolist()
         rows += [
             Row(f"{at}.payload", what, "largest payload of the model / bound [-]", None, payload, 1.0, SETTINGS),
+            Row(f"{at}.friction", what, "largest change of a link's friction / bound [-]", None, viscous, 1.0,
+                SETTINGS),
             Row(f"{at}.springs", what, f"largest log scale of a spring / log {LARGEST_FACTOR:g} [-]", None, scale,
                 1.0, SETTINGS),
         ]  # fmt: skip

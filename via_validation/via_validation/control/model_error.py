@@ -8,7 +8,7 @@ behind a low pass; without an encoder all values are exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import tanh
 from typing import Any
@@ -43,11 +43,11 @@ class ModelError:
     delay: float = 0.0  # [s] from sample to torque, a multiple of SUBSTEP
     rate: float = 1000.0  # [Hz] of samples
     encoder: float = 0.0  # [rad] step of all encoders; 0: exact angles and velocities
+    stated_delay: float = 0.0  # [s] parameter `delay` of the controller
 
     def plant(self, arm: VsaArm) -> VsaArm:
         """The real arm, without dry friction."""
-        real = arm.corrected(self.payload, np.full(arm.n, self.spring_scale))
-        return replace(real, link_friction=arm.link_friction + self.link_friction)
+        return arm.corrected(self.payload, np.full(arm.n, self.spring_scale), self.link_friction)
 
 
 class Estimators:
@@ -62,10 +62,9 @@ class Estimators:
     ) -> AdaptiveSwing:
         """The controller's state with the estimates at `sample`, `effort` (n,) [N m] of the motors up to it."""
         time, n = sample.time, len(self.joints)
-        row = np.concatenate([[time], sample.q, sample.q_velocity, sample.theta, sample.theta_velocity, effort])
+        row = np.concatenate([[time], sample.q, sample.theta, effort])
         status = Status(self.payload.take(row[None]))
-        value, sd = float(self.payload.value[0]), float(self.payload.standard_deviation[0])
-        state = controller.with_payload(state, time, status, value, sd)
+        state = controller.with_payload(state, time, status, *self.payload.numbers.reshape(2, -1).copy())
         for i in range(n):
             joint = self.joints[i]
             status = Status(joint.take(np.array([[time, sample.q[i], sample.theta[i], effort[i]]])))
@@ -98,7 +97,7 @@ def run_with_error(
     estimators: Estimators | None = None,
 ) -> ErrorRun:  # fmt: skip
     """Simulate `controller`, made for `model`, on the arm with `error` from `start`; estimators inform it if given."""
-    supervisor = ControlledArm.with_holding(model, controller).supervisor
+    supervisor = ControlledArm.with_holding(model, controller, error.stated_delay).supervisor
     plant, n = error.plant(model), model.n
     per, late = round(1.0 / (error.rate * SUBSTEP)), round(error.delay / SUBSTEP)
     x = np.array([start.q, start.velocity, start.theta, start.motor_velocity])

@@ -1,8 +1,8 @@
 """Controllers of arms under model errors: the published modal limit cycle, the adaptive one, and bang-bang control.
 
-The document has no such table. Every case changes one thing that the controllers' model does not contain; the plant is
-`via_validation.control.model_error`. The adaptive controller gets the estimates of `payload` and, joint by joint, of
-the default stiffness estimator, as over DDS.
+The document has no such table. Every case changes one thing that the controllers' model does not contain, the last two
+several; the plant is `via_validation.control.model_error`. The adaptive controller gets the estimates of `payload` and,
+joint by joint, of the default stiffness estimator, as over DDS.
 """
 
 from __future__ import annotations
@@ -54,15 +54,20 @@ CASES = (
         Case(f"springs{percent:+d}", f"springs {percent:+d} %", ModelError(spring_scale=1.0 + percent / 100.0), True)
         for percent in (-20, -10, 10, 20)
     ),
-    Case("link_friction", "viscous friction of links .5 N m s/rad", ModelError(link_friction=0.5)),
-    Case("dry_friction", "dry friction of motors .5 N m", ModelError(dry_friction=0.5)),
-    Case("delay2", "torques 2 ms late", ModelError(delay=2e-3)),
+    Case("link_friction", "viscous friction of links .5 N m s/rad", ModelError(link_friction=0.5), True),
+    Case("dry_friction", "dry friction of motors .5 N m", ModelError(dry_friction=0.5), True),
+    Case("delay2", "torques 2 ms late", ModelError(delay=2e-3), True),
     Case("delay5", "torques 5 ms late", ModelError(delay=5e-3)),
+    Case("delay5_stated", "torques 5 ms late, as stated in `delay`", ModelError(delay=5e-3, stated_delay=5e-3), True),
     Case("rate500", "500 Hz", ModelError(rate=500.0), True),
     Case("rate250", "250 Hz", ModelError(rate=250.0), True),
     Case("rate500_delay2", "500 Hz and 2 ms late", ModelError(rate=500.0, delay=2e-3), True),
-    Case("encoders17", "encoders of 17 bit", ModelError(encoder=2.0 * np.pi / 2**17)),
-    Case("encoders14", "encoders of 14 bit", ModelError(encoder=2.0 * np.pi / 2**14)),
+    Case("encoders17", "encoders of 17 bit", ModelError(encoder=2.0 * np.pi / 2**17), True),
+    Case("encoders14", "encoders of 14 bit", ModelError(encoder=2.0 * np.pi / 2**14), True),
+    Case("several", "payload 20 %, springs -10 %, 500 Hz and 2 ms late",
+         ModelError(payload=0.2 * FOREARM, spring_scale=0.9, rate=500.0, delay=2e-3), True),
+    Case("many", "payload 20 %, springs -10 %, both frictions, 500 Hz and 5 ms late, as stated in `delay`",
+         ModelError(0.2 * FOREARM, 0.9, 0.5, 0.5, 5e-3, 500.0, stated_delay=5e-3), True),
 )  # fmt: skip
 BY_KEY = {case.key: case for case in CASES}
 SETTINGS = (
