@@ -7,7 +7,7 @@ import pytest
 from export_joints import commands_of, device_of, start_of
 from via_export import check
 from via_gap.logs.log import JointLog
-from via_gap.report.report import HeldOutInterval
+from via_gap.report.report import LogInterval
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
@@ -83,7 +83,7 @@ def test_a_loss_shows_in_the_check() -> None:
 def test_the_check_keeps_to_the_held_out_intervals() -> None:
     name, effects = CASES["friction"]
     log = log_of(name, effects)
-    part = HeldOutInterval(log="log", begin=1.0, end=2.0)
+    part = LogInterval(log="log", begin=1.0, end=2.0)
     whole, held = (check([log], log.device, effects, held_out=parts) for parts in ((), (part,)))
     assert len(held.mujoco[0].squares) == len(held.via_sim[0].squares) < len(whole.mujoco[0].squares)
 

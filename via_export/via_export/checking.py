@@ -17,7 +17,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import TICK_RATE
-from via_gap.report.report import HeldOutInterval
+from via_gap.report.report import LogInterval
 from via_gap.report.withheld import compared_segments
 from via_gap.residual.errors import Errors, free_errors, run_errors, segment_errors
 from via_gap.residual.recordings import follows
@@ -60,7 +60,7 @@ def check(
     effects: Sequence[Effect],
     into: str | Path | None = None,
     joint: str = "",
-    held_out: Sequence[HeldOutInterval] = (),
+    held_out: Sequence[LogInterval] = (),
 ) -> Check:
     """The gap before and after `effects` in MuJoCo and in via_sim.
 

@@ -10,7 +10,7 @@ from via_core.signals import Signals
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import log_noise
 from via_gap.logs.quality import Quality, assess
-from via_gap.report.report import HeldOutInterval
+from via_gap.report.report import LogInterval
 from via_gap.report.withheld import compared_segments
 from via_gap.residual.recordings import Recordings
 
@@ -211,7 +211,7 @@ def test_a_gap_measured_again_compares_the_segments_of_the_diagnosis(clean):
     lost = Signals(commands.time[sent], {"motor": commands["motor"][sent]}, commands.units, commands.held)
     log = changed(clean, commands=lost)
     (diagnosed,) = Recordings.of([log], None, log.device).fitted
-    (segments,), (chosen,) = compared_segments([log], [HeldOutInterval(log=log.name, begin=0.0, end=9.0)])
+    (segments,), (chosen,) = compared_segments([log], [LogInterval(log=log.name, begin=0.0, end=9.0)])
     np.testing.assert_array_equal(segments.begin[chosen], diagnosed.begin[diagnosed.valid])
     begin, end = segments.time[chosen], segments.time[chosen] + segments.ticks / segments.rate
     assert not np.any((begin < 3.39) & (end > 3.01))

@@ -5,6 +5,7 @@
 3. candidates   every effect at every location of the device, with typical sizes in these logs
 4. comparison   search for models: effects are added, exchanged and dropped by their held-out error
 5. decision     achievable error; verdict, named effects, ranking and ties; the gap before and after
+                if the gap begins or ends in the log: steps 2 to 5 for the part in which it is larger
 6. report       the numbers, the sites of the gap, sensor errors, and what the logs cannot show
 """
 
@@ -18,13 +19,14 @@ from via_core.devices import Device
 from via_core.errors import SignalError
 
 from via_gap.logs.log import JointLog
-from via_gap.report.assembly import full_report, refusal_report
+from via_gap.report.assembly import Result, full_report, refusal_report
 from via_gap.report.report import GapReport
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import candidates_of, compare_models
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.gap import decide_and_measure
 from via_gap.selection.search import Progress
+from via_gap.selection.turn import part_of
 from via_gap.sensors.stamps import separate_delays
 
 
@@ -58,6 +60,19 @@ def diagnose(
         return refusal_report(recordings)
     notify("fitting the device parameters", 0.05)
     experiment = Experiment.of(recordings.fitted, recordings.held_out, groups, only_equations)
+    found = _result(recordings, experiment, notify)
+    if part := part_of(experiment, found.decision):
+        inside = _result(recordings, Experiment.of([part.segments], (), None, only_equations), notify)
+        if inside.decision.named and part.confines(inside.decision.chosen.fit):
+            found = replace(inside, part=part)
+    notify("writing the report", 0.98)
+    report = full_report(recordings, found)
+    notify("done", 1.0)
+    return report
+
+
+def _result(recordings: Recordings, experiment: Experiment, notify: Progress) -> Result:
+    """Candidates, comparison and decision of one experiment."""
     notify("locating the gap", 0.15)
     comparison = compare_models(experiment, candidates_of(experiment), notify)
     models, findings = separate_delays(recordings.logs, comparison.models)
@@ -65,7 +80,4 @@ def diagnose(
     notify("deciding", 0.85)
     decision, gap = decide_and_measure(comparison)
     comparison = replace(comparison, models=[*comparison.models, *decision.rivals])
-    notify("writing the report", 0.98)
-    report = full_report(recordings, comparison, decision, gap, findings)
-    notify("done", 1.0)
-    return report
+    return Result(comparison, decision, gap, tuple(findings))

@@ -13,7 +13,7 @@ from via_export import check as checked
 from via_export import export as exported
 from via_export.mjcf_given import note_on_place
 from via_gap.logs.log import read_logs
-from via_gap.report.report import GapReport, HeldOutInterval
+from via_gap.report.report import GapReport, LogInterval
 from via_gap.run.arm_cause import is_cause, read_cause
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
@@ -104,7 +104,7 @@ def _check(
     joint: str,
 ) -> None:
     logs = read_logs(paths, device)
-    held_out: tuple[HeldOutInterval, ...] = ()
+    held_out: tuple[LogInterval, ...] = ()
     if report is not None:
         logs = report.as_read(logs)
         names = {each.log for each in report.held_out}

@@ -51,7 +51,7 @@ def headline(report: GapReport) -> str:
     shown = f"{listed(measured)} {differ} from the device file, as the measurements themselves show"
     if not moved:
         return f"{capital(shown)}; the motion itself shows no gap."
-    part = "most of the gap" if report.verdict == "main_effect" else "the gap"
+    part = f"{'most of the gap' if report.verdict == 'main_effect' else 'the gap'}{_when(report)}"
     share = f"{percent(report.explained)} of the explainable error"
     besides = f"; in addition, {shown}" if measured else ""
     if len(moved) > 1:
@@ -73,6 +73,9 @@ def cautions(report: GapReport) -> tuple[str, ...]:
         )
     if report.verdict == "cannot_tell":
         said.append(_reason(report)[1])
+    if report.part is not None:
+        outside = "Before" if report.part.begin > 0.0 else "Later"
+        said.append(f"{outside}, the model without it has the smaller error. All numbers below are about this part.")
     if report.verdict == "main_effect":
         said.append(remainder(report))
     if report.verdict == "unknown":
@@ -96,6 +99,14 @@ def cautions(report: GapReport) -> tuple[str, ...]:
     if at_bound and report.verdict != "cannot_tell":
         said.append(f"Fitted to the limit of the tolerance in the device file: {listed(at_bound)}. Check this first.")
     return tuple(each for each in said if each)
+
+
+def _when(report: GapReport) -> str:
+    """From when on, or until when, the effects act; empty: in the whole log."""
+    if report.part is None:
+        return ""
+    begin, end = number(report.part.begin), number(report.part.end)
+    return f" from {begin} s on" if report.part.begin > 0.0 else f" until {end} s"
 
 
 def remainder(report: GapReport) -> str:
@@ -204,6 +215,8 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
         said.append("Record again with larger and more varied motion, and repeat the motion; then diagnose all logs.")
     if names_causes(report):
         said.append("Load the repair below into the simulator, and compare it with a new log.")
+    if report.part is not None:
+        said.append(f"Find out what changed at {number(report.part.begin or report.part.end)} s.")
     if report.verdict == "main_effect" and report.explained >= NUMBERS.complete:
         said.append("Record the same motion twice: the difference between the two is the remaining error (section 4).")
     elif report.verdict == "main_effect":

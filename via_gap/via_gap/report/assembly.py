@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,10 +12,11 @@ from via_gap.report import context
 from via_gap.report.answer import answer
 from via_gap.report.evidence_figures import evidence_figures, joint_sketch
 from via_gap.report.figures import Figures
-from via_gap.report.report import GapReport
+from via_gap.report.report import GapReport, LogInterval
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.gap import Gap
+from via_gap.selection.turn import Part
 from via_gap.selection.verdict import Decision
 from via_gap.sensors.sensor_errors import sensor_errors
 
@@ -33,13 +34,20 @@ def refusal_report(recordings: Recordings) -> GapReport:
     )  # fmt: skip
 
 
-def full_report(
-    recordings: Recordings, comparison: ModelComparison, decision: Decision, gap: Gap, findings: Sequence[Finding]
-) -> GapReport:
-    """The report on a decision, and on errors that the sensors' own measurements show.
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What was found; `findings` of the comparison, beside those of the recordings; `part` of the log it is about."""
 
-    findings  of the comparison, beside those of the recordings
-    """
+    comparison: ModelComparison
+    decision: Decision
+    gap: Gap
+    findings: tuple[Finding, ...]
+    part: Part | None = None
+
+
+def full_report(recordings: Recordings, result: Result) -> GapReport:
+    """The report on a decision, and on errors that the sensors' own measurements show."""
+    comparison, decision, gap, part = result.comparison, result.decision, result.gap, result.part
     experiment = comparison.experiment
     sensors = sensor_errors(recordings.logs)
     lines = [lines_finding(each.log) for each in experiment.segments if each.log.lined is not None]
@@ -50,10 +58,11 @@ def full_report(
         explained=float(np.clip(decision.explained, 0.0, 1.0)), gap=gap,
         nuisance=context.fitted_parameters(experiment.fitted, decision.chosen.fit.offsets),
         lined=experiment.segments[0].log.lined, widened=decision.widened, transfer=dict(decision.transfer),
-        data_check=(*recordings.findings, *findings, *lines), noise=context.channel_noise(recordings),
+        data_check=(*recordings.findings, *result.findings, *lines), noise=context.channel_noise(recordings),
         not_evaluated=context.not_evaluated(recordings.first),
         figures=evidence_figures(comparison, decision, gap.by),
         held_out=context.held_out_intervals(experiment.segments, experiment.held),
+        part=None if part is None else LogInterval(log=part.log, begin=part.begin, end=part.end),
         **vars(said),
     )  # fmt: skip
     return GapReport.model_validate(report.model_dump())

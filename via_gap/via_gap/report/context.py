@@ -8,7 +8,7 @@ from via_core.signals import Array, Indices
 
 from via_gap.candidates.location import missing_effects
 from via_gap.logs.log import JointLog
-from via_gap.report.report import HeldOutInterval, Noise, NuisanceValue
+from via_gap.report.report import LogInterval, Noise, NuisanceValue
 from via_gap.report.simulated_intervals import runs
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.recordings import Recordings, follows
@@ -63,7 +63,7 @@ def fitted_parameters(problem: ResidualModel, offsets: Array) -> tuple[NuisanceV
     )  # fmt: skip
 
 
-def held_out_intervals(segments: Sequence[Segments], held: Sequence[Indices]) -> tuple[HeldOutInterval, ...]:
+def held_out_intervals(segments: Sequence[Segments], held: Sequence[Indices]) -> tuple[LogInterval, ...]:
     """Time intervals of the segments `held` (indices, one array per log), neighbours joined."""
     found = []
     for each, which in zip(segments, held, strict=True):
@@ -73,5 +73,5 @@ def held_out_intervals(segments: Sequence[Segments], held: Sequence[Indices]) ->
             end = begins[last] + each.ticks / each.rate
             if last == len(each) - 1 and follows(each.log.device):
                 end = each.log.duration  # a free run includes the samples after the last segment
-            found.append(HeldOutInterval(log=each.log.name, begin=float(begins[first]), end=float(end)))
+            found.append(LogInterval(log=each.log.name, begin=float(begins[first]), end=float(end)))
     return tuple(found)

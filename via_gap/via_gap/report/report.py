@@ -122,8 +122,8 @@ class NuisanceValue(Record):
         return self
 
 
-class HeldOutInterval(Record):
-    """Part of a log that was held out; [s] since its first sample.
+class LogInterval(Record):
+    """Part of a log; [s] since its first sample.
 
     It includes the sample at `begin`; the one at `end` only where the log ends.
     """
@@ -169,7 +169,8 @@ class GapReport(Record):
     not_evaluated: tuple[str, ...]  # what this log cannot show, in sentences
     proposal: Proposal | None = None
     figures: Figures | None = None
-    held_out: tuple[HeldOutInterval, ...] = ()  # where `gap` was measured
+    part: LogInterval | None = None  # where the effects act, and what all numbers are about; None: the whole log
+    held_out: tuple[LogInterval, ...] = ()  # where `gap` was measured
     # [s] by which commands act late on lines between samples; negative: measured torques are late; None: in steps
     lined: Number | None = None
     widened: NotNegative = 1.0  # factor of the standard deviations of named parameters, by calibration

@@ -12,7 +12,7 @@ from via_sim.effects import Effect
 
 from via_gap.logs.log import JointLog, believed
 from via_gap.logs.quality import assessed
-from via_gap.report.report import HeldOutInterval
+from via_gap.report.report import LogInterval
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.recordings import follows
@@ -25,7 +25,7 @@ def before_and_after(
     logs: Sequence[JointLog],
     device: Device,
     effects: Sequence[Effect],
-    held_out: Sequence[HeldOutInterval] = (),
+    held_out: Sequence[LogInterval] = (),
     only_equations: bool = False,
 ) -> tuple[Errors, Errors]:
     """Errors of the nominal device, and of the one with `effects` and the device numbers among them.
@@ -48,7 +48,7 @@ def before_and_after(
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # as in a diagnosis
 def compared_segments(
-    logs: Sequence[JointLog], held_out: Sequence[HeldOutInterval]
+    logs: Sequence[JointLog], held_out: Sequence[LogInterval]
 ) -> tuple[list[Segments], list[Indices]]:
     """The logs cut into segments, and which of them are compared.
 
@@ -67,7 +67,7 @@ def _cut(log: JointLog, as_diagnosed: bool) -> Segments:
     return cut_log(log, quality=assessed(log) if as_diagnosed else None)
 
 
-def _held(segments: Segments, held_out: Sequence[HeldOutInterval]) -> Indices:
+def _held(segments: Segments, held_out: Sequence[LogInterval]) -> Indices:
     """Segments of one log whose middle lies in a held-out interval."""
     middle = segments.time - segments.log.measured.time[0] + 0.5 * segments.ticks / segments.rate
     inside = [(s.begin < middle) & (middle < s.end) for s in held_out if s.log == segments.log.name]
