@@ -19,7 +19,7 @@ REST = np.array(PARAMETERS.equilibrium)
 PHI = REST - ARM.rest(REST) + np.array([0.002, -0.001, 0.003, 0.001])  # [rad] springs nearly bear the weight
 RATE = np.array([0.1, -0.08, 0.06, 0.07])  # [rad/s]
 PAYLOAD, SCALE = 0.05, np.array([0.98, 1.02, 0.97, 1.03])  # so small that no torque is at its limit
-FRICTION = np.array([0.2, -0.1, 0.3, 0.1])  # [N m s/rad]
+FRICTION = np.array([0.2, 0.05, 0.3, 0.1])  # [N m s/rad]
 NONE = np.zeros(4)
 
 
@@ -107,6 +107,27 @@ def test_friction_that_is_not_known_leaves_the_payload_in_use():
     assert informed.payload.weight == 1.0 and [each.weight for each in informed.friction] == [1.0, 0.0, 0.0, 1.0]
 
 
+def test_links_of_the_model_never_drive():
+    """The arm's file has no friction that could be less."""
+    state, _ = CONTROLLER.step(held_at(started(), PAYLOAD, -FRICTION, NONE), sample_at(1e-3))
+    assert np.array_equal(CONTROLLER.model(state).link_friction, ARM.link_friction) and not ARM.link_friction.any()
+
+
+@pytest.mark.parametrize("lead", [0.0, 0.05])
+def test_a_predicted_sample_is_compared_with_estimates_by_its_stamp(lead):
+    """Predicted by 50 ms: the deflection then was that of now, less what the prediction adds."""
+    sample = replace(sample_at(1.0 + lead), lead=lead)
+    state = CONTROLLER.init(sample)
+    nominal = ARM.spring_state(PHI - (lead + 0.01) * RATE)[1][0]
+    found = CONTROLLER.with_stiffness(state, 0, 0.99, Status.OK, 0.9 * nominal, 0.0).springs[0]
+    assert found.estimate == pytest.approx(log(0.9)) and found.weight == 1.0
+    informed = CONTROLLER.with_payload(state, 1.0, Status.OK, np.full(5, 0.1), np.zeros(5))
+    later, _ = CONTROLLER.step(informed, replace(sample_at(1.05 + lead), lead=lead))
+    assert later.measured == pytest.approx(1.05)
+    expected = CONTROLLER.payload_rule.advanced(informed.payload, later.measured, 0.05)
+    assert later.payload.value == pytest.approx(expected.value) and expected.value > 0.01
+
+
 @pytest.mark.parametrize("age", [0.0, 0.019, -0.019])
 @pytest.mark.parametrize("joint", range(4))
 def test_a_stiffness_is_compared_with_that_of_the_file_at_its_own_time(joint, age):
@@ -128,7 +149,7 @@ def test_a_stiffness_is_compared_with_that_of_the_file_at_its_own_time(joint, ag
 )  # fmt: skip
 def test_old_impossible_and_doubtful_stiffnesses_are_not_used(age, status, value):
     state = held_at(started(), 0.0, NONE, np.full(4, 0.1))
-    state = replace(state, swing=replace(state.swing, time=1.0))
+    state = replace(state, measured=1.0, swing=replace(state.swing, time=1.0))
     informed = CONTROLLER.with_stiffness(state, 2, 1.0 - age, status, value, 0.1)
     assert informed.springs[2].weight == 0.0 and informed.springs[2].estimate == 0.1
 

@@ -13,7 +13,7 @@ from via_controllers.joint_axes import JointAxes
 from via_controllers.joint_methods import ExcitationParameters, MaxVelocityParameters
 from via_controllers.supervision.arm_limits import ArmLimits
 from via_controllers.supervision.arm_supervision import GAP, Supervisor
-from via_controllers.supervision.delay import Sent, ahead, mean_torque, still_acting
+from via_controllers.supervision.delay import Sent, ahead, mean_torque, steps_of, still_acting
 from via_controllers.supervision.joint_supervision import JointSupervisor
 from via_core.devices import load_device
 from via_core.errors import ParameterError
@@ -100,8 +100,43 @@ def test_a_supervisor_predicts_from_what_it_has_sent():
     assert len(state.sent) <= 5
     state, _ = supervisor.step(state, replace(SAMPLE, time=1.0 + GAP), active=True)  # nothing acts after a gap
     assert np.array_equal(records.seen[-1].theta, ahead(ARM, SAMPLE, (), delay).theta) and len(state.sent) == 1
-    late, _ = supervisor.step(state, replace(SAMPLE, time=1.001 + GAP), active=True, acts=False)
-    assert late.sent == state.sent
+
+
+def test_what_is_no_answer_of_the_controller_acts_as_no_torque():
+    """Late answers, and those to unusable samples; an unknown stamp changes nothing, a stamp sent twice is one."""
+    records, delay = Records(), 3e-3
+    supervisor = Supervisor(records, Records(), ArmLimits(ARM), delay)
+    state, out = supervisor.step(supervisor.init(), replace(SAMPLE, time=0.0), active=True)
+    twice, again = supervisor.step(state, replace(SAMPLE, time=0.0), active=True)
+    assert np.array_equal(mean_torque(twice.sent, 3e-3, 4e-3, delay), again.torque)
+    assert not np.array_equal(again.torque, out.torque)
+    late, _ = supervisor.step(state, replace(SAMPLE, time=1e-3), active=True, acts=False)
+    assert np.array_equal(mean_torque(late.sent, 3e-3, 5e-3, delay), 0.5 * out.torque)
+    lost, _ = supervisor.step(state, replace(SAMPLE, time=1e-3, q=np.full(ARM.n, np.nan)), active=True)
+    assert np.array_equal(mean_torque(lost.sent, 3e-3, 5e-3, delay), 0.5 * out.torque)
+    unknown, _ = supervisor.step(state, replace(SAMPLE, time=np.nan), active=True)
+    assert unknown.sent is state.sent
+
+
+def test_a_joint_remembers_that_a_lost_sample_was_answered_by_no_torque():
+    joint = ExcitationParameters(delay=3e-3)
+    joint = joint.tuned(joint.build().supervisor)
+    state, _ = joint.step(joint.init(), JointSample(0.0, 0.0, np.array([0.6, -0.6])), True)
+    lost, _ = joint.step(state, JointSample(1e-3, np.nan, np.zeros(2)), True)
+    assert [each.stamp for each in lost.inner.sent] == [0.0, 1e-3] and not lost.inner.sent[1].torque.any()
+    assert lost.time == state.time
+
+
+def test_motors_that_are_fast_are_predicted_in_steps_or_refused():
+    axes, seconds = JointAxes(load_device("visco_elastic_demo")), 0.1
+    steps = steps_of(axes, seconds)
+    sample = ArmSample(0.0, *np.array([[0.1], [0.5], [0.0], [0.8]]), np.array([np.nan]))
+    coarse, fine = (ahead(axes, sample, (), seconds, each) for each in (steps, 1000))
+    assert steps > 1 and coarse.theta == pytest.approx(fine.theta, abs=1e-3)
+    assert coarse.theta_velocity == pytest.approx(fine.theta_velocity, abs=0.02)
+    fast = JointAxes(load_device("cubic_aa_vsa"))
+    with pytest.raises(ParameterError, match=r"the motors are too fast to predict 0\.005 s; at most 0\.00"):
+        Supervisor(Records(), Records(), ArmLimits(fast), 5e-3)
 
 
 def test_without_a_delay_samples_are_used_as_they_are():

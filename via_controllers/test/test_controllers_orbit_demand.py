@@ -48,9 +48,17 @@ def test_a_level_that_motors_cannot_give_is_refused_with_the_largest_one():
     with pytest.raises(ParameterError, match=r"level 0\.02 of mode 3 needs 79\.1 times the torque limit of") as error:
         ModalLimitCycleParameters(mode=3).build()
     largest = float(str(error.value).rpartition(" ")[2])
-    ModalLimitCycleParameters(mode=3, level=0.95 * largest, adapt=True).build()
+    ModalLimitCycleParameters(mode=3, level=largest, adapt=True).build()
     with pytest.raises(ParameterError, match="needs more than the range of the springs; largest level: "):
         ModalLimitCycleParameters(mode=2, level=0.3).build()
+
+
+@pytest.mark.parametrize(("mode", "level"), [(1, 2.0), (3, 0.3), (4, 100.0)])
+def test_a_level_beyond_all_bounds_is_refused_alike(mode, level):
+    with pytest.raises(ParameterError, match="largest level: ") as error:
+        ModalLimitCycleParameters(mode=mode, level=level).build()
+    largest = float(str(error.value).rpartition(" ")[2])
+    assert 0.8 < demand_of(cycle_of(mode=mode, level=largest)).share <= 1.0
 
 
 def test_no_level_is_possible_where_the_arm_cannot_be_held():

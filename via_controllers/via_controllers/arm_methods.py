@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import isfinite, log
+from math import floor, isfinite, log, log10
 from typing import Any
 
 import numpy as np
@@ -82,7 +82,9 @@ class ModalLimitCycleParameters(ControllerParameters):
         limit, share = demand_of(cycle)
         if share > 1.0:
             largest = largest_level(cycle)
-            remedy = f"largest level: {largest:.2g}" if largest > 0.0 else "choose another mode or equilibrium"
+            remedy = "choose another mode or equilibrium"
+            if largest > 0.0:
+                remedy = f"largest level: {_rounded_down(largest)}"
             needed = f"{share:.3g} times the {limit}" if isfinite(share) else f"more than the {limit}"
             raise ParameterError(f"level {self.level:g} of mode {self.mode} needs {needed}; {remedy}")
 
@@ -97,6 +99,12 @@ class ModalLimitCycleParameters(ControllerParameters):
             "mode": self.mode - 1,
         }
         return VsaModalLimitCycle(ModalLimitCycle(**self.shared(ModalLimitCycle) | own), self.bandwidth)
+
+
+def _rounded_down(value: float) -> str:
+    """A positive number with two digits, not above it."""
+    digit = 10.0 ** (floor(log10(value)) - 1)
+    return f"{floor(value / digit) * digit:.2g}"
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ class ArmSample:
     theta: Array  # (n,) [rad] motor angles
     theta_velocity: Array  # (n,) [rad/s]
     spring_torque: Array  # (n,) [N m] tau_e of torque sensors; NaN without sensors
+    lead: float = 0.0  # [s] by which it is predicted: it was measured at time - lead
 
     @property
     def valid(self) -> bool:

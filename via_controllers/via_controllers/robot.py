@@ -116,11 +116,11 @@ class ControllerParameters(ABC):
     autostart: bool = parameter(True, "configure and activate at start-up")
     told_every: int = parameter(1, "number of samples per ControlState message", "", (1, 1_000_000))
     delay: float = parameter(
-        0.0, "time from a sample's stamp until its torque acts; the motion is predicted", "s", (0.0, 0.1), live=True
+        0.0, "time from a sample's stamp until its torque acts; the motion is predicted", "s", (0.0, 0.1)
     )
 
     def tuned(self, supervisor: Any) -> Any:
-        """The supervisor with the live parameters in its controller; what holds the robot still is not changed."""
+        """The supervisor with `delay` and the controller's live parameters; what holds the robot is not changed."""
         if "controller" in {each.name for each in fields(supervisor)}:
             return replace(supervisor, controller=self._with_live(supervisor.controller), delay=self.delay)
         return replace(supervisor, supervisor=self.tuned(supervisor.supervisor))

@@ -86,7 +86,7 @@ def slow_filter(rows, own):
     parts = np.array([estimator._parts(*each) for each in zip(before, samples, steps, strict=True)])
     x = np.zeros(k)
     P = np.diag([own.payload_deviation**2] + N * [own.damping_deviation**2] + N * [own.friction_deviation**2])
-    prior, noise, weight, recent = P.copy(), np.full(N, own.noise**2), np.full(N, 2.0), []
+    prior, noise, weight, earlier = P.copy(), np.full(N, own.noise**2), np.full(N, 2.0), []
     forces, misfit, before, found = 0.0, 0.0, None, []
     for at in range(own.window, len(rows), own.window // 2):
         t, each = times[at - own.window : at + 1], parts[at - own.window : at + 1]
@@ -106,20 +106,23 @@ def slow_filter(rows, own):
         y = -slope @ each[:, PART.momentum] - held @ each[:, PART.force] - tau
         P[0, 0] += own.payload_drift**2 * (t[-1] - before) if before is not None else 0.0
         before = t[-1]
-        R = noise + (x[1 + N :] ** 2 + np.diag(P)[1 + N :]) * stuck**2
+        borne = x[1 + N :] ** 2 + np.diag(P)[1 + N :]
+        R = noise + borne * stuck**2
         e, inverse = y - A @ x, np.linalg.inv(A @ P @ A.T + np.diag(R))
         information = A[:, 0] @ inverse @ A[:, 0]
         mass = A[:, 0] @ inverse @ e / information
         more = max((e @ inverse @ e - mass**2 * information) / (N - 1), 1.0)
-        expected, shares = np.diag(A @ P @ A.T) + R, A[:, 0] * (inverse @ A[:, 0]) / information
+        shares = A[:, 0] * (inverse @ A[:, 0]) / information
         if mass**2 * information > JUMP**2 * more:
             P[0, 0] += mass**2 - 1.0 / information
-        recent.append(e * np.sqrt(noise / expected))
-        if len(recent) > 2:
-            count = np.minimum(weight, 40.0)
-            change = np.minimum((recent[-1] - recent[-3]) ** 2 / 2.0 / noise, JUMP**2)
-            earlier, noise, weight = noise, noise * (count + change) / (count + 1.0), count + 1.0
-            factor = (R + noise - earlier) / R
+        earlier.append((y, stuck, A))
+        if len(earlier) > 2:
+            y_before, stuck_before, A_before = earlier[-3]
+            rows, count = A - A_before, np.minimum(weight, 40.0)
+            expected = 2.0 * noise + np.diag(rows @ P @ rows.T) + borne * (stuck - stuck_before) ** 2
+            change = np.minimum((y - y_before - rows @ x) ** 2 / expected, JUMP**2)
+            louder = noise * (count + change) / (count + 1.0)
+            factor, noise, weight = (R + louder - noise) / R, louder, count + 1.0
             wanted = np.concatenate([[shares @ factor], factor, factor])
             wider = np.minimum(wanted, np.maximum(np.diag(prior) / np.diag(P), 1.0))
             P = np.diag(np.sqrt(wider)) @ P @ np.diag(np.sqrt(wider))
@@ -173,8 +176,8 @@ def test_planted_friction_of_links_and_motors_is_recovered(bits):
 
 @pytest.mark.parametrize("noise", [0.2, 1.0])
 def test_the_intervals_of_friction_cover(noise):
-    """Also with twenty times the noise that the estimator expects, which it measures."""
-    clean, inside = course(0.3, dry=0.5, viscous=0.4), []
+    """Also with twenty times the noise that the estimator expects, which it measures; they are not too wide either."""
+    clean, inside, scores = course(0.3, dry=0.5, viscous=0.4), [], []
     for seed in range(24):
         random = np.random.default_rng(seed)
         rows = clean.copy()
@@ -182,6 +185,8 @@ def test_the_intervals_of_friction_cover(noise):
         rows[:, 1 + 2 * N :] += random.normal(0.0, noise, (len(rows), N))
         found = estimated(rows)
         inside.append(np.abs(found.value[1000:, 1:] - 0.4) < 1.96 * found.standard_deviation[1000:, 1:])
+        scores.append((found.value[-1, 1:] - 0.4) / found.standard_deviation[-1, 1:])
+    assert 0.6 < np.std(scores) < 1.4
     assert np.mean(inside) > 0.85, np.mean(inside)
 
 
@@ -237,6 +242,47 @@ def test_bad_samples_are_skipped_and_live_equals_replay():
     state, one = estimator.step(estimator.init(), rows[0])
     assert one.status == Status.WARMING_UP and one.standard_deviation[0] == PARAMETERS.payload_deviation
     assert not state.flags.writeable and estimator.condition(state) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("rest", [60.0, 240.0])
+def test_a_long_rest_makes_no_estimate_too_certain(rest):
+    """Noise is measured at rest, too, where the friction that a motor bears is no noise."""
+    moving = course(0.3, dry=0.5, viscous=0.4)
+    rows = np.vstack([moving, np.repeat(moving[-1:], round(rest * RATE), axis=0), moving])
+    rows[:, 0] = np.arange(len(rows)) / RATE
+    rows[:, 1 + 2 * N :] += np.random.default_rng(2).normal(0.0, 0.2, (len(rows), N))
+    found = estimated(rows)
+    good, truth = found.status == Status.OK, np.array([0.3, *[0.4] * N])
+    off = np.abs(found.value - truth) / found.standard_deviation
+    after = good & (np.arange(len(rows)) > len(rows) - 1000)
+    assert after.mean() * len(rows) > 800 and np.mean(off[after] < 1.96) > 0.85 and off[good].max() < 5.0
+
+
+@pytest.mark.parametrize("late", [-0.9, -30.0, 5.0])
+def test_stamps_that_jump_leave_the_estimate_sound(late):
+    rows = np.vstack([course(0.3), course(0.3)])
+    rows[:, 0] = np.arange(len(rows)) / RATE
+    rows[1000:, 0] += late
+    found = estimated(rows)
+    assert np.isfinite(found.standard_deviation).all()
+    assert found.status[-1] == Status.OK and found.value[-1, 0] == pytest.approx(0.3, abs=2e-3)
+
+
+def test_a_sample_that_was_sent_twice_is_no_motion():
+    rows = np.repeat(course(0.3, viscous=0.4), 2, axis=0)
+    rows[1::2, 0] += 1e-7
+    rows[:, 1 : 1 + 2 * N] += np.random.default_rng(3).normal(0.0, 1e-4, (len(rows), 2 * N))
+    found = estimated(rows)
+    assert set(found.status[1::2]) == {Status.BAD_SAMPLE}
+    assert found.value[-1] == pytest.approx([0.3, 0.4, 0.4], abs=0.05)
+
+
+def test_exact_signals_have_no_noise_to_divide_by():
+    own = replace(PARAMETERS, noise=1e-9)
+    assert np.isfinite(estimated(course(0.3), own).standard_deviation).all()
+    assert np.isfinite(
+        estimated(np.zeros((800, 1 + 3 * N)) + np.arange(800)[:, None] / RATE * np.eye(1, 1 + 3 * N), own).value
+    ).all()
 
 
 def test_a_joint_has_no_payload():

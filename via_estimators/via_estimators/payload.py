@@ -19,10 +19,11 @@ friction c of the link and the dry friction F of the motor beyond those of the a
 filter with two equations per joint and window. The equations hold under any controller: a controller that uses the
 payload does not disturb its estimate.
 
-- The noise r_i^2 of each joint's equation is measured by how its innovations differ between a window and the next that
-  has no sample in common with it: s = e r / S^(1/2), r^2 -> mean of (s_k - s_(k-2))^2 / 2. A force that lasts does not
-  count as noise. What was learned counts by the noise as it is known now: whenever the variance of an equation changes
-  with r_i^2, so does the covariance of what it determines, up to that before any data.
+- The noise r_i^2 of each joint's equation is measured by the difference of its innovations to those of the window l two
+  earlier, which ends where window k begins: d = y_k - y_l - (A_k - A_l) x. Without a change it has the variance
+  2 r_i^2 + (A_k - A_l) P (A_k - A_l)'. What lasts cancels: a force, or the friction of a motor at rest. Whenever the
+  noise of an equation changes, the variance of the unknowns that it determines is scaled by the same ratio, at most up
+  to that before any data.
 - A hand or a wall at the tip is a force that no mass explains: what an equation's innovations e contain besides the
   direction a of a mass, v = (e' S^-1 e - g) / (n - 1) with g = (a' S^-1 e)^2 / (a' S^-1 a), is 1 on average. Above 1,
   this window's noise is larger by that factor. A force lasts for many windows and is not averaged away: the share of
@@ -70,10 +71,12 @@ P = slots(
 )  # fmt: skip
 ACROSS = 0.05  # of a window: time before and after, over which the direction of a motor is measured
 MISFIT, FADING = 0.3, 0.8  # share of the torques from which a misfit is IMPLAUSIBLE; factor on it per window
-# Samples since the last window; windows taken; time of the last one [s]; variance of m due to forces [kg^2]; share of
-# the squared torques that is not explained, the largest one, fading.
-HEAD = slots("since", "taken", "before", "forces", "misfit")
-# Of the interval between two samples, but for the motor's angle at its end.
+SHORTEST = 1e-5  # [s] between samples: closer ones are one that was sent twice
+ROUNDING, TINY = 1e-7, 1e-24  # of its torques, and [N^2 m^2]: below, an equation has no noise
+# Samples since the last window; windows taken; windows since a gap; time of the last one [s]; variance of m due to
+# forces [kg^2]; share of the squared torques that is not explained, the largest one, fading.
+HEAD = slots("since", "taken", "steady", "before", "forces", "misfit")
+# Means over the interval since the previous sample; theta is the motor's angle at its end.
 PART = slots("momentum", "force", "unit_momentum", "unit_force", "velocity", "theta", "tau")
 
 
@@ -150,6 +153,8 @@ class Payload(Estimator):
             sample, step = row[1:].reshape(len(SIGNALS), n), float(row[0] - state[HEADER.last])
             followed = state[HEADER.samples] > 0.0 and 0.0 < step <= self.parameters.max_gap
             parts = self._parts(before if followed else sample[:2], sample, step)
+            if followed and step < SHORTEST:
+                parts[:] = np.nan
             status = _take(state, float(row[0]), parts, self._constants, written)
             if status != BAD_SAMPLE:
                 before[:] = sample[:2]
@@ -191,7 +196,7 @@ def _head_at(n: int) -> int:
 def _ring_at(n: int) -> int:
     """Position of the ring buffer, after header, outputs, HEAD and the arrays of `_filter`."""
     k = 1 + 2 * n
-    return _head_at(n) + HEAD.size + k + k * k + 4 * n
+    return _head_at(n) + HEAD.size + k + k * k + 2 * n + 2 * n * (2 + k)
 
 
 @njit(cache=True, error_model="numpy")
@@ -202,19 +207,20 @@ def _angles_at(n: int, length: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def _filter(state: Array, n: int) -> tuple[Array, Array, Array, Array, Array]:
-    """Views: x (1 + 2 n,); its covariance; noise r^2 (n,) [N^2 m^2]; by how many equations (n,); s (2, n) [N m].
+    """Views: x (1 + 2 n,); its covariance; noise r^2 (n,) [N^2 m^2]; by how many equations (n,); earlier equations.
 
-    s is the noise in the last two innovations, the latest first.
+    The last are (2, n, 3 + 2 n), the latest first: y, <1, psi> of the motor at rest, and the row of A.
     """
     k, at = 1 + 2 * n, _head_at(n) + HEAD.size
     x, variance = state[at : at + k], state[at + k : at + k + k * k].reshape(k, k)
     at += k + k * k
-    return x, variance, state[at : at + n], state[at + n : at + 2 * n], state[at + 2 * n : at + 4 * n].reshape(2, n)
+    earlier = state[at + 2 * n : at + 2 * n + 2 * n * (2 + k)].reshape(2, n, 2 + k)
+    return x, variance, state[at : at + n], state[at + n : at + 2 * n], earlier
 
 
 @njit(cache=True, error_model="numpy")
 def _take(state: Array, time: float, parts: Array, own: Array, out: Array) -> int:
-    """One sample with its parts (PART.size, n); writes the output row (4,) and returns the status."""
+    """One sample with its parts (PART.size, n); writes the output row (4 + 2 n,) and returns the status."""
     n, length = parts.shape[1], int(own[P.length])
     times, columns = window.rings(state, _ring_at(n), length, parts.size)
     row = np.empty(1 + parts.size)
@@ -227,11 +233,14 @@ def _take(state: Array, time: float, parts: Array, own: Array, out: Array) -> in
     slot = int(state[HEADER.slot])
     columns[:, slot] = row[1:]
     head[HEAD.since] = 0.0 if entered == window.RESTARTED else head[HEAD.since] + 1.0
+    if entered == window.RESTARTED:
+        head[HEAD.steady] = 0.0
     full = state[HEADER.filled] == length
     if full and head[HEAD.since] >= (length - 1) // ROWS_PER_WINDOW:
         head[HEAD.since] = 0.0
         _window(state, times, columns.reshape(PART.size, n, length), own)
         head[HEAD.taken] += 1.0
+        head[HEAD.steady] += 1.0
     x, variance, _, _, _ = _filter(state, n)
     value, sd = window.outputs(state, 1 + n)
     status = WARMING_UP
@@ -262,21 +271,21 @@ def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
     window.weigh(ORDER, times, newest, psi, held)
     window.hold_slope(times, newest, psi[0], slope)
     head = state[_head_at(n) : _head_at(n) + HEAD.size]
-    x, variance, noise, weight, recent = _filter(state, n)
-    passed = times[newest] - head[HEAD.before] if head[HEAD.taken] > 0.0 else 0.0
+    x, variance, noise, weight, earlier = _filter(state, n)
+    passed = max(times[newest] - head[HEAD.before], 0.0) if head[HEAD.taken] > 0.0 else 0.0
     head[HEAD.before] = times[newest]
     variance[0, 0] += own[P.payload_drift] ** 2 * passed
-    A, y, R, torques = np.zeros((n, x.size)), np.empty(n), np.empty(n), 0.0
+    A, y, R, rest, torques = np.zeros((n, x.size)), np.empty(n), np.empty(n), np.empty(n), 0.0
     for i in range(n):
         A[i, 0] = slope @ columns[PART.unit_momentum, i] + held @ columns[PART.unit_force, i]
         A[i, 1 + i] = -(held @ columns[PART.velocity, i])
-        direction, stuck = _directions(times, columns[PART.theta, i], newest, psi[0], own[P.still])
+        direction, rest[i] = _directions(times, columns[PART.theta, i], newest, psi[0], own[P.still])
         A[i, 1 + n + i] = -direction
         torque = held @ columns[PART.tau, i]
         y[i] = -(slope @ columns[PART.momentum, i]) - held @ columns[PART.force, i] - torque
         torques += torque**2
-        friction = x[1 + n + i] ** 2 + variance[1 + n + i, 1 + n + i]
-        R[i] = noise[i] + friction * stuck**2
+        noise[i] = max(noise[i], ROUNDING**2 * (torque**2 + y[i] ** 2) + TINY)
+        R[i] = noise[i] + _borne(x, variance, i, n) * rest[i] ** 2
     e = y - A @ x
     S = A @ variance @ A.T + np.diag(R)
     weighted, along = np.linalg.solve(S, e), np.linalg.solve(S, np.ascontiguousarray(A[:, 0]))
@@ -289,17 +298,19 @@ def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
         variance[0, 0] += mass**2 - 1.0 / information
     scale = np.ones(x.size)
     for i in range(n):
-        now = e[i] * np.sqrt(noise[i] / S[i, i])
-        if head[HEAD.taken] >= recent.shape[0]:
-            count, change = min(weight[i], NOISE_MEMORY), 0.5 * (now - recent[1, i]) ** 2
-            before = noise[i]
-            noise[i] *= (count + min(change / before, JUMP**2)) / (count + 1.0)
+        if head[HEAD.steady] >= earlier.shape[0]:
+            row = A[i] - earlier[1, i, 2:]
+            change, count, before = y[i] - earlier[1, i, 0] - row @ x, min(weight[i], NOISE_MEMORY), noise[i]
+            expected = 2.0 * before + row @ (variance @ row)
+            expected += _borne(x, variance, i, n) * (rest[i] - earlier[1, i, 1]) ** 2
+            noise[i] *= (count + min(change**2 / expected, JUMP**2)) / (count + 1.0)
             weight[i] = count + 1.0
             factor = 1.0 + (noise[i] - before) / R[i]
             share = A[i, 0] * along[i] / information if information > 0.0 else 0.0
             scale[0] += share * (factor - 1.0)
             scale[1 + i] = scale[1 + n + i] = factor
-        recent[1, i], recent[0, i] = recent[0, i], now
+        earlier[1, i] = earlier[0, i]
+        earlier[0, i, 0], earlier[0, i, 1], earlier[0, i, 2:] = y[i], rest[i], A[i]
         R[i] *= more
     for i in range(x.size):
         first = own[P.payload_deviation] if i == 0 else own[P.damping_deviation if i <= n else P.friction_deviation]
@@ -316,6 +327,12 @@ def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
     left = y - A @ x
     share = (left @ left) / torques if torques > 0.0 else 0.0
     head[HEAD.misfit] = max(min(share, 1.0), FADING * head[HEAD.misfit])
+
+
+@njit(cache=True, error_model="numpy")
+def _borne(x: Array, variance: Array, i: int, n: int) -> float:
+    """Mean square [N^2 m^2] of the dry friction of motor i, which it bears at rest in either direction."""
+    return float(x[1 + n + i] ** 2 + variance[1 + n + i, 1 + n + i])
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,7 +13,7 @@ With x and c within delta of the truth the links accelerate by qdd + O(delta) fo
 Hd = -k_V (H - H_d) zd_k^2 + O(delta) zd_k, so that |H - H_d| and the other modes, which are damped, are ultimately
 bounded in proportion to delta, which vanishes with the estimator's error. The changing model adds x' times a bounded
 torque: the motion stays slow against it because |x'| is bounded. Limits of torque, speed and deflection are enforced
-from the file's model (`arm_limits`) and do not depend on x.
+from the file's model (`arm_limits`) and do not depend on x, but for the prediction of late torques (`delay`).
 Source: certainty equivalence with estimates from equations of the plant, as in indirect adaptive control (Slotine and
 Li, Applied Nonlinear Control, Section 9.2), applied to the document's Section 6.1.
 """
@@ -41,7 +41,8 @@ class AdaptiveSwing:
     """State after a sample."""
 
     swing: Swing
-    arm: VsaArm  # as far as it is known
+    measured: float  # [s] stamp of the sample, which may be predicted
+    arm: VsaArm  # the model used for it
     payload: Correction  # [kg]
     friction: tuple[Correction, ...]  # of each link, beyond the file's [N m s/rad]
     springs: tuple[Correction, ...]  # log of each spring's scale [-]
@@ -76,7 +77,8 @@ class AdaptiveLimitCycle(ArmController[AdaptiveSwing]):
 
     def init(self, sample: ArmSample) -> AdaptiveSwing:
         none, each = Correction(), (Correction(),) * self.arm.n
-        return AdaptiveSwing(self.published.init(sample), self.arm, none, each, each, *_deflected(sample))
+        measured = sample.time - sample.lead
+        return AdaptiveSwing(self.published.init(sample), measured, self.arm, none, each, each, *_deflected(sample))
 
     def model(self, state: AdaptiveSwing) -> VsaArm:
         return state.arm
@@ -84,22 +86,24 @@ class AdaptiveLimitCycle(ArmController[AdaptiveSwing]):
     def step(self, state: AdaptiveSwing, sample: ArmSample) -> tuple[AdaptiveSwing, Torques]:
         if not sample.valid:
             return state, passive(self.arm.n)
-        passed = max(sample.time - state.swing.time, 0.0)
-        payload = self.payload_rule.advanced(state.payload, sample.time, passed)
-        friction = tuple(self.friction_rule.advanced(each, sample.time, passed) for each in state.friction)
-        springs = tuple(self.spring_rule.advanced(each, sample.time, passed) for each in state.springs)
+        now = sample.time - sample.lead
+        passed = max(now - state.measured, 0.0)
+        payload = self.payload_rule.advanced(state.payload, now, passed)
+        friction = tuple(self.friction_rule.advanced(each, now, passed) for each in state.friction)
+        springs = tuple(self.spring_rule.advanced(each, now, passed) for each in state.springs)
         controller = self.controller_for(payload, friction, springs)
         swing, torques = controller.step(state.swing, sample)
-        return AdaptiveSwing(swing, controller.cycle.arm, payload, friction, springs, *_deflected(sample)), torques
+        return AdaptiveSwing(swing, now, controller.cycle.arm, payload, friction, springs, *_deflected(sample)), torques
 
     def controller_for(
         self, payload: Correction, friction: tuple[Correction, ...], springs: tuple[Correction, ...]
     ) -> VsaModalLimitCycle:
         """The controller with this model; `published` itself without any correction."""
-        viscous, logs = [each.value for each in friction], [each.value for each in springs]
-        if payload.value == 0.0 and not any(viscous) and not any(logs):
+        more, logs = [each.value for each in friction], [each.value for each in springs]
+        if payload.value == 0.0 and not any(more) and not any(logs):
             return self.published
-        return self.published.on(self.arm.corrected(payload.value, np.exp(logs), np.array(viscous)))
+        viscous = np.maximum(more, -self.arm.link_friction)  # links dissipate
+        return self.published.on(self.arm.corrected(payload.value, np.exp(logs), viscous))
 
     def with_payload(
         self, state: AdaptiveSwing, stamp: float, status: Status, value: Array, standard_deviation: Array
@@ -117,8 +121,8 @@ class AdaptiveLimitCycle(ArmController[AdaptiveSwing]):
         self, state: AdaptiveSwing, joint: int, stamp: float, status: Status, value: float, standard_deviation: float
     ) -> AdaptiveSwing:
         """`state` with an estimate of a joint's stiffness [N m/rad], `joint` from 0, as in `with_payload`."""
-        age = state.swing.time - stamp
-        phi = state.deflection - age * state.deflection_rate if abs(age) <= OLDEST else state.deflection
+        age = state.measured - stamp
+        phi = state.deflection - (state.swing.time - stamp) * state.deflection_rate
         nominal = float(self.arm.spring_state(phi)[1][joint])
         good = status == Status.OK and value > 0.0 and nominal > 0.0 and abs(age) <= OLDEST
         ratio, relative_sd = (log(value / nominal), standard_deviation / value) if good else (0.0, 0.0)

@@ -1,4 +1,4 @@
-"""What a modal limit cycle asks of motors and springs, over their limits, and the largest level that they can give.
+"""What a modal limit cycle asks of motors and springs, as a share of their limits, and the largest possible level.
 
     qdd of `modal_limit_cycle`, integrated from z_k = A at rest, gives q and the torque tau of the links
     tau_e = -tau,   theta = q - phi(tau_e),   motor torque B thdd + D thd - tau_e
@@ -20,7 +20,7 @@ from via_core.signals import Array
 from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
 
 PERIODS, STEPS = 3, 200  # simulated, and steps in each
-LEAST, HALVINGS = 1e-4, 10  # share of the level down to which a possible one is looked for, and how closely
+SMALLEST, HALVINGS = 1e-3, 12  # [rad] of the joint that moves most, at the least level; steps of the bisection
 
 
 class Demand(NamedTuple):
@@ -33,10 +33,10 @@ class Demand(NamedTuple):
 def demand_of(cycle: ModalLimitCycle) -> Demand:
     """The demand of the cycle at its level."""
     arm = cycle.arm
-    q, torque, step = _orbit(cycle)
     try:
+        q, torque, step = _orbit(cycle)
         deflection = np.array([arm.deflection(-each) for each in torque])
-    except ParameterError:
+    except (ParameterError, ArithmeticError, ValueError, np.linalg.LinAlgError):  # the orbit leaves all bounds
         return Demand("range of the springs", inf)
     speed = np.gradient(q - deflection, step, axis=0)
     motor = arm.motor_inertia * np.gradient(speed, step, axis=0) + arm.motor_friction * speed + torque
@@ -48,21 +48,23 @@ def demand_of(cycle: ModalLimitCycle) -> Demand:
     }
     found = []
     for name, (values, limit) in swings.items():
-        shares = np.nan_to_num(np.abs(values[period]).max(axis=0) / limit, nan=inf)
+        shares = np.abs(values[period]).max(axis=0) / limit
+        shares[np.isnan(shares)] = inf
         found.append(Demand(f"{name} of {arm.joints[int(shares.argmax())]}", float(shares.max())))
     return max(found, key=lambda each: each.share)
 
 
 def largest_level(cycle: ModalLimitCycle) -> float:
     """The largest level [kg m^2] below that of the cycle that the motors can give, by bisection; 0: none found."""
-    low, high = LEAST, 1.0
-    if demand_of(replace(cycle, level=low * cycle.level)).share > 1.0:
+    shape = cycle.init(cycle.equilibrium).W[:, cycle.mode]
+    low, high = 0.5 * (SMALLEST / float(np.abs(shape).max())) ** 2, cycle.level
+    if demand_of(replace(cycle, level=low)).share > 1.0:
         return 0.0
     for _ in range(HALVINGS):
         middle = sqrt(low * high)
-        possible = demand_of(replace(cycle, level=middle * cycle.level)).share <= 1.0
+        possible = demand_of(replace(cycle, level=middle)).share <= 1.0
         low, high = (middle, high) if possible else (low, middle)
-    return low * cycle.level
+    return low
 
 
 def _orbit(cycle: ModalLimitCycle) -> tuple[Array, Array, float]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from via_core.signals import Array
 
 from via_controllers.contract import ArmController, ArmSample, require
 from via_controllers.supervision.arm_limits import LIMITS, TORQUE, ArmLimits, Limit
-from via_controllers.supervision.delay import Sent, ahead, mean_torque, still_acting
+from via_controllers.supervision.delay import Sent, ahead, mean_torque, steps_of, still_acting
 from via_controllers.supervision.following import Following, FollowingDetection
 from via_controllers.supervision.measured_motion import MeasuredMotion, fault_of
 
@@ -62,7 +63,7 @@ class Supervised:
     inner: Any = None  # state of the controller that ran then
     time: float = -np.inf  # [s] of the last usable sample
     torque: Array | None = None  # (n,) [N m] that acts since then; None: no torque
-    sent: tuple[Sent, ...] = ()  # commands that act after that sample
+    sent: tuple[Sent, ...] = ()  # commands that act after the last sample, with a delay
     following: Following | None = None
     motion: MeasuredMotion | None = None
     active: bool = False
@@ -72,7 +73,7 @@ class Supervised:
 class Supervisor:
     """A controller, a holding controller and the limits of an arm, whose torques act `delay` [s] after stamps.
 
-    Raises ParameterError for a negative delay.
+    Raises ParameterError for a negative delay, or one over which the motors cannot be predicted.
     """
 
     controller: ArmController[Any]
@@ -80,10 +81,12 @@ class Supervisor:
     limits: ArmLimits
     delay: float = 0.0
     _followed: FollowingDetection = field(init=False, repr=False)
+    _steps: int = field(init=False, repr=False)  # of a prediction
 
     def __post_init__(self) -> None:
         require(self.delay >= 0.0, f"delay must be >= 0 s, got {self.delay}")
         object.__setattr__(self, "_followed", FollowingDetection(self.limits.arm))
+        object.__setattr__(self, "_steps", steps_of(self.limits.arm, self.delay) if self.delay > 0.0 else 1)
 
     def init(self) -> Supervised:
         """The state before the first sample."""
@@ -91,6 +94,13 @@ class Supervisor:
 
     def step(self, state: Supervised, sample: ArmSample, active: bool, acts: bool = True) -> tuple[Supervised, Answer]:
         """The next state and the torques for `sample`; `acts`: whether they will act, or come too late."""
+        after, answer = self._answered(state, sample, active, acts)
+        if self.delay > 0.0 and isfinite(sample.time):
+            torque = answer.torque if acts else np.zeros(self.limits.arm.n)
+            after = replace(after, sent=(*self._acting(state, sample.time), Sent(sample.time, torque)))
+        return after, answer
+
+    def _answered(self, state: Supervised, sample: ArmSample, active: bool, acts: bool) -> tuple[Supervised, Answer]:
         fault = fault_of(sample, self.limits.arm)
         if fault:
             return state, self._without(fault)
@@ -103,12 +113,12 @@ class Supervisor:
             return waiting, replace(self.passive(), fault=LOST)
         deciding, controller = (Activity.ACTIVE, self.controller) if active else (Activity.HOLDING, self.holding)
         continued = state.deciding is deciding and 0.0 <= sample.time - state.time <= GAP
-        sent = still_acting(state.sent, sample.time, self.delay) if 0.0 < sample.time - state.time <= GAP else ()
         try:
             arm = (controller.model(state.inner) if continued else None) or self.limits.arm
             seen, limited = sample, motion.corrected
             if self.delay > 0.0:
-                seen, limited = (ahead(arm, each, sent, self.delay) for each in (seen, limited))
+                sent = self._acting(state, sample.time)
+                seen, limited = (ahead(arm, each, sent, self.delay, self._steps) for each in (seen, limited))
             inner, out = controller.step(state.inner if continued else controller.init(seen), seen)
         except Exception as error:  # whatever fails in it, the node lives and the motors get no torque
             return waiting, self._without(f"the controller fails on a sample: {type(error).__name__}: {error}")
@@ -117,9 +127,7 @@ class Supervisor:
         if out.saturated:
             changed = LIMITS[changed | TORQUE]
         applied = torque if acts else None
-        if acts and self.delay > 0.0:
-            sent = (*sent, Sent(sample.time, torque))
-        state = replace(waiting, deciding=deciding, inner=inner, torque=applied, sent=sent)
+        state = replace(waiting, deciding=deciding, inner=inner, torque=applied)
         return state, Answer(torque, deciding, changed)
 
     def passive(self) -> Answer:
@@ -129,12 +137,17 @@ class Supervisor:
     def _without(self, fault: str) -> Answer:
         return replace(self.passive(), unusable=True, fault=fault)
 
+    def _acting(self, state: Supervised, time: float) -> tuple[Sent, ...]:
+        """The commands that act after a sample at `time` [s]; none after a gap, or a stamp that goes backward."""
+        recent = state.sent and 0.0 <= time - state.sent[-1].stamp <= GAP
+        return still_acting(state.sent, time, self.delay) if recent else ()
+
     def _following(self, state: Supervised, sample: ArmSample, active: bool) -> Following:
         if state.following is None or active != state.active:
             return self._followed.init(sample)
         torque = state.torque
         if self.delay > 0.0 and torque is not None and sample.time > state.time:
-            torque = np.asarray(mean_torque(state.sent, state.time, sample.time, self.delay))
+            torque = np.zeros(len(torque)) + mean_torque(state.sent, state.time, sample.time, self.delay)
         return self._followed.step(state.following, sample, torque, GAP)
 
     def updated(self, state: Supervised, change: Change) -> Supervised:

@@ -2,21 +2,28 @@
 
     x(t + d) = x(t) + the integral of xd(x, tau) over d,   tau(s) = the torque commanded at the last stamp <= s - d
 
-in one Runge-Kutta step of fourth order under the mean torque, by the model of the controller. An acceleration that is
-wrong by a makes the prediction wrong by a d^2 / 2: if it is 5 % of that at 30 rad/s, 6e-4 of the amplitude in 5 ms.
+in Runge-Kutta steps of fourth order under the mean torque, by the model of the controller. Steps are shorter than the
+time constants of the motors, 1 / pace with pace = (D + d) / B + (sigma / B)^(1/2). An acceleration that is wrong by a
+makes the angles wrong by a d^2 / 2 and the velocities by a d: if it is 5 % of that at 30 rad/s, .06 % of the amplitude
+and .8 % of the largest velocity in 5 ms.
 Source: prediction over a dead time; Astrom and Murray, Feedback Systems, Section 10.4.
 """
 
 from __future__ import annotations
 
 from itertools import pairwise
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
 from via_core.signals import Array
 
-from via_controllers.contract import ArmSample
+from via_controllers.contract import ArmSample, require
 from via_controllers.supervision.arm_limits import LimitedArm
+
+MOST = 32  # steps of a prediction
+NEAR = 1e-6  # [rad], [rad/s] of the differences for the pace
+SHARES = (0.0, 0.5, 0.9)  # of the stops at which springs are looked at
 
 
 class Sent(NamedTuple):
@@ -39,7 +46,22 @@ def mean_torque(sent: tuple[Sent, ...], begin: float, end: float, delay: float) 
     return sum(each.torque * share for each, share in zip(sent, shares, strict=True))
 
 
-def ahead(arm: LimitedArm, sample: ArmSample, sent: tuple[Sent, ...], delay: float) -> ArmSample:
+def steps_of(arm: LimitedArm, delay: float) -> int:
+    """Number of steps of a prediction over `delay` [s]. Raises ParameterError for more than MOST."""
+    zero, fastest = np.zeros(arm.n), 0.0
+    for share in SHARES:
+        q = np.where(np.isfinite(arm.deflection_limit), share * arm.deflection_limit, 0.0)
+        torque = arm.loads(q, zero, zero, zero)[0]
+        stiffness = np.abs(arm.loads(q, zero, zero - NEAR, zero)[0] - torque) / NEAR
+        damping = np.abs(arm.loads(q, zero, zero, zero - NEAR)[0] - torque) / NEAR + arm.motor_friction
+        fastest = max(fastest, float(np.max(damping / arm.motor_inertia + np.sqrt(stiffness / arm.motor_inertia))))
+    steps = max(ceil(delay * fastest), 1)
+    longest = MOST / fastest if fastest > 0.0 else delay
+    require(steps <= MOST, f"delay: the motors are too fast to predict {delay:g} s; at most {longest:.1g} s")
+    return steps
+
+
+def ahead(arm: LimitedArm, sample: ArmSample, sent: tuple[Sent, ...], delay: float, steps: int = 1) -> ArmSample:
     """The sample `delay` > 0 [s] later, its time included, under the commands `sent` at earlier stamps."""
     stamp, torque = sample.time, mean_torque(sent, sample.time, sample.time + delay, delay)
 
@@ -48,11 +70,13 @@ def ahead(arm: LimitedArm, sample: ArmSample, sent: tuple[Sent, ...], delay: flo
         return np.array([x[1], acceleration, x[3], (torque + tau_e - arm.motor_friction * x[3]) / arm.motor_inertia])
 
     x = np.array([sample.q, sample.q_velocity, sample.theta, sample.theta_velocity])
-    k1 = rates(x)
-    k2 = rates(x + 0.5 * delay * k1)
-    k3 = rates(x + 0.5 * delay * k2)
-    k4 = rates(x + delay * k3)
-    then = x + delay / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-    change = arm.loads(*then)[0] - arm.loads(*x)[0]
-    q, velocity, theta, motor_velocity = then
-    return ArmSample(stamp + delay, q, velocity, theta, motor_velocity, sample.spring_torque + change)
+    before, h = arm.loads(*x)[0], delay / steps
+    for _ in range(steps):
+        k1 = rates(x)
+        k2 = rates(x + 0.5 * h * k1)
+        k3 = rates(x + 0.5 * h * k2)
+        k4 = rates(x + h * k3)
+        x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    change = arm.loads(*x)[0] - before
+    q, velocity, theta, motor_velocity = x
+    return ArmSample(stamp + delay, q, velocity, theta, motor_velocity, sample.spring_torque + change, delay)

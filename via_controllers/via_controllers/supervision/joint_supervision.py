@@ -85,7 +85,8 @@ class JointSupervisor:
         motion = ArmSample(sample.time, q[1:], q_velocity[1:], angles[1:], velocities[1:], self._unknown)
         inner, answer = self.supervisor.step(state.inner, motion, active, acts)
         if answer.unusable:
-            return state, answer
+            remembered = inner.sent is state.inner.sent
+            return state if remembered else replace(state, inner=replace(state.inner, sent=inner.sent)), answer
         out.flags.writeable = angles.flags.writeable = velocities.flags.writeable = False
         return SupervisedJoint(inner, sample.time, angles, velocities), answer
 
