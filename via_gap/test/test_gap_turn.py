@@ -97,7 +97,7 @@ def test_words_say_from_when_on_or_until_when():
         headline(late)
         == "Torque ripple at motor 1 explains most of the gap from 19.8 s on: 84 % of the explainable error."
     )
-    assert cautions(late)[0].startswith("Before, the model without it has the smaller error.")
+    assert cautions(late)[0].startswith("Before, this effect makes the error larger.")
     assert "Find out what changed at 19.8 s." in next_steps(late)
     early = report.model_copy(update={"part": LogInterval(log="log", begin=0.0, end=12.5)})
     assert " of the gap until 12.5 s: " in headline(early) and cautions(early)[0].startswith("Later, ")

@@ -75,7 +75,8 @@ def cautions(report: GapReport) -> tuple[str, ...]:
         said.append(_reason(report)[1])
     if report.part is not None:
         outside = "Before" if report.part.begin > 0.0 else "Later"
-        said.append(f"{outside}, the model without it has the smaller error. All numbers below are about this part.")
+        make = "this effect makes" if len(report.effects) == 1 else "these effects make"
+        said.append(f"{outside}, {make} the error larger. All numbers below are about the part with the larger gap.")
     if report.verdict == "main_effect":
         said.append(remainder(report))
     if report.verdict == "unknown":
