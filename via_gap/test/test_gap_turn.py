@@ -51,6 +51,14 @@ def test_short_or_still_logs_have_no_turning_point():
     levels, motion = levels_of(1, 50.0, at=10, count=2 * FEWEST - 1)
     assert turning_point(levels, motion) is None
     assert turning_point(np.full(100, -20.0), np.ones((4, 100))) is None
+    assert turning_point(np.zeros(100), np.ones((4, 100))) is None
+
+
+def test_quantities_that_are_the_same_count_once():
+    """A joint that hardly moves, or whose speed follows its angle; a step without any noise."""
+    levels, motion = levels_of(2, 6.0)
+    assert turning_point(levels, np.vstack([motion, motion, motion])) == turning_point(levels, motion)
+    assert turning_point(np.where(np.arange(100) < 40, 0.0, 1.0), np.ones((1, 100))) == (40, True)
 
 
 def joined(first, second, at):

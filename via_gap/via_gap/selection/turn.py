@@ -17,6 +17,7 @@ Source: largest F of a structural change, D. W. K. Andrews, Econometrica 61 (199
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 from scipy.stats import rankdata
@@ -33,6 +34,7 @@ from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.verdict import UNNAMED, Decision
 
 FEWEST = 12  # segments of either part
+ALIKE = 1e-9  # of a size: rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +99,8 @@ def turning_point(levels: Array, motion: Array) -> tuple[int, bool] | None:
     """
     n = len(levels)
     ranks = np.array([2.0 * (rankdata(each) - 0.5) / n - 1.0 for each in motion if np.ptp(each) > 0.0]).reshape(-1, n)
-    known = np.vstack([np.ones(n), ranks, ranks**2])
-    basis = np.linalg.svd(known.T, full_matrices=False)[0]
+    directions, sizes, _ = np.linalg.svd(np.vstack([np.ones(n), ranks, ranks**2]).T, full_matrices=False)
+    basis = directions[:, sizes > ALIKE * sizes[0]]
     freedom = n - basis.shape[1] - 1
     turns = np.arange(FEWEST, n - FEWEST + 1)
     if freedom < FEWEST or not len(turns):
@@ -109,9 +111,10 @@ def turning_point(levels: Array, motion: Array) -> tuple[int, bool] | None:
         step = (np.arange(n) >= turn).astype(float)
         step -= basis @ (basis.T @ step)
         size = float(step @ step)
-        if size > 1e-9 * n:
+        if size > ALIKE * n:
             error = left - step * (step @ left) / size
-            score = float(step @ left) / np.sqrt(size * float(error @ error) / freedom * _correlated(error))
+            variance = max(float(error @ error), ALIKE) / freedom * _correlated(error)
+            score = float(step @ left) / sqrt(size * variance)
             best = max(best, (abs(score), int(turn), score))
     certain = 2.0 * len(turns) * student.sf(best[0], freedom) < NUMBERS.significance
     return (best[1], best[2] > 0.0) if certain else None
@@ -119,5 +122,5 @@ def turning_point(levels: Array, motion: Array) -> tuple[int, bool] | None:
 
 def _correlated(error: Array) -> float:
     """C: the factor on the variance of a mean of these errors (S,)."""
-    total, lags = float(error @ error), range(1, len(error) // 4)
+    total, lags = max(float(error @ error), ALIKE), range(1, len(error) // 4)
     return 1.0 + 2.0 * sum(max(float(error[lag:] @ error[:-lag]) / total, 0.0) for lag in lags)
