@@ -53,6 +53,15 @@ def test_the_true_effect_has_the_same_size_in_slow_and_in_fast_motion(experiment
     assert max(elsewhere.values()) < 1.3 * left < 0.01
 
 
+def test_what_resembles_it_has_another_size_in_fast_motion(experiment):
+    """Viscous friction in place of a drag: larger where the motion is faster."""
+    fit, scales = fitted_by(experiment, Location("viscous_friction", "link", 0), 0.03)
+    (model,) = experiment.evaluate([fit])
+    found = transferred(model, experiment, scales)
+    slow, fast = (each.effects[0].parameters["coefficient"] for each in found.worst)
+    assert found.worst is found.halves["speed"] and fast > 1.3 * slow > 0.0
+
+
 def test_an_effect_that_resembles_it_fails_in_fast_motion_when_fitted_to_slow_motion(experiment):
     """Viscous friction in place of a drag that grows with the square of the speed."""
     left, elsewhere = left_by(experiment, Location("viscous_friction", "link", 0), 0.03)
@@ -130,7 +139,7 @@ def squares(*values: float) -> Evaluation:
     ],
 )
 def test_what_explains_hardly_anything_in_the_other_half_is_refuted(before, left, by):
-    assert Transfer(before, left).refuted_by == by
+    assert Transfer(before, left, {}).refuted_by == by
 
 
 def test_nothing_is_named_that_does_not_hold_in_the_other_half(monkeypatch):

@@ -45,6 +45,8 @@ def test_a_main_effect_says_in_which_motion_it_fails():
     slow = report.model_copy(update={"transfer": {"time": 0.1, "speed": 0.22, "load of spring 1": 0.2}})
     said = "and compared on {}, and the reverse, the repair leaves {} % of the squared error."
     assert f"Fitted to slow motion {said.format('fast motion', 22)}" in remainder(slow)
+    sized = slow.model_copy(update={"halves": {"amplitude": (0.02, 0.031), "phase": (0.1, 0.2)}})
+    assert "squared error; its amplitude is 0.02 N m in the first fit and 0.031 N m in the second." in remainder(sized)
     loaded = report.model_copy(update={"transfer": {"load of spring 1": 0.25}})
     assert f"Fitted to small load of spring 1 {said.format('large load of spring 1', 25)}" in remainder(loaded)
 

@@ -147,8 +147,19 @@ def _transfer(report: GapReport) -> str:
     one, other = HALVES.get(quantity, (f"small {quantity}", f"large {quantity}"))
     return (
         f" Fitted to {one} and compared on {other}, and the reverse, the repair leaves "
-        f"{percent(report.transfer[quantity])} of the squared error."
+        f"{percent(report.transfer[quantity])} of the squared error{_sizes(report)}."
     )
+
+
+def _sizes(report: GapReport) -> str:
+    """The first parameter of the main effect in both of these fits; empty if they are not known."""
+    if not report.halves:
+        return ""
+    name, (low, high) = next(iter(report.halves.items()))
+    (cause,) = (each for each in report.causes if each.place == report.effects[0])
+    unit = cause.parameters[name].unit
+    shown = "" if unit == "-" else f" {unit}"
+    return f"; its {plain(name)} is {number(low)}{shown} in the first fit and {number(high)}{shown} in the second"
 
 
 def largest_remainder(report: GapReport) -> tuple[ErrorFigure, ErrorBin] | None:

@@ -58,6 +58,7 @@ def full_report(recordings: Recordings, result: Result) -> GapReport:
         explained=float(np.clip(decision.explained, 0.0, 1.0)), gap=gap,
         nuisance=context.fitted_parameters(experiment.fitted, decision.chosen.fit.offsets),
         lined=experiment.segments[0].log.lined, widened=decision.widened, transfer=dict(decision.transfer),
+        halves=_halves(decision),
         data_check=(*recordings.findings, *result.findings, *lines), noise=context.channel_noise(recordings),
         not_evaluated=context.not_evaluated(recordings.first),
         figures=evidence_figures(comparison, decision, gap.by),
@@ -66,3 +67,11 @@ def full_report(recordings: Recordings, result: Result) -> GapReport:
         **vars(said),
     )  # fmt: skip
     return GapReport.model_validate(report.model_dump())
+
+
+def _halves(decision: Decision) -> dict[str, tuple[float, float]]:
+    """Parameters of the main effect, fitted to the halves between which it transfers worst; empty without any."""
+    if not decision.halves:
+        return {}
+    low, high = (each.effects[0].parameters for each in decision.halves)
+    return {name: (low[name], high[name]) for name in low}

@@ -176,6 +176,8 @@ class GapReport(Record):
     widened: NotNegative = 1.0  # factor of the standard deviations of named parameters, by calibration
     # `left` of a main effect on half of the motion when fitted to the other, by what divides it
     transfer: dict[str, NotNegative] = Field(default_factory=dict)
+    # parameters of the main effect, fitted to either half of the motion between which it transfers worst
+    halves: dict[str, tuple[Number, Number]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _repair_is_among_the_causes(self) -> GapReport:

@@ -84,7 +84,8 @@ def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
         if by := elsewhere.refuted_by:
             why = f"what explains one half of the motion, divided by {by}, does not explain the other"
             decision = decision.refuted(experiment.tuned, why)
-        decision = replace(decision, transfer=elsewhere.shares if decision.named else {})
+        if decision.named:
+            decision = replace(decision, transfer=elsewhere.shares, halves=elsewhere.worst)
     gap = measured_gap(experiment, decision.chosen, achievable)
     if not decision.named or gap.after < gap.tuned:
         return decision, gap

@@ -33,17 +33,24 @@ REFITS = Budget(rounds=4)  # from the fit to all segments to the fit to half of 
 class Transfer:
     """What the tuned device leaves, and what a model leaves in the half of the motion to which it was not fitted.
 
-    left  by the quantity that divides the motion; empty for whole runs, which are not divided
+    left    by the quantity that divides the motion; empty for whole runs, which are not divided
+    halves  fits to the lower and to the upper half, likewise
     """
 
     before: Evaluation
     left: dict[str, Evaluation]
+    halves: dict[str, tuple[Fit, Fit]]
 
     @property
     def shares(self) -> dict[str, float]:
         """Squared error that is left, relative to the tuned device."""
         before = max(self.before.mean_square, 1e-12)
         return {name: each.mean_square / before for name, each in self.left.items()}
+
+    @property
+    def worst(self) -> tuple[Fit, ...]:
+        """The fits to the halves between which the model transfers worst; empty if the motion is not divided."""
+        return self.halves[max(self.left, key=lambda each: self.left[each].mean_square)] if self.left else ()
 
     @property
     def refuted_by(self) -> str:
@@ -69,16 +76,18 @@ def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> T
 
     before = evaluation(tuned.fit, errors(tuned.fit))
     found: dict[str, Evaluation] = {}
+    halves: dict[str, tuple[Fit, Fit]] = {}
     if experiment.folds is not None or not chosen.fit.effects:
-        return Transfer(before, found)
+        return Transfer(before, found, halves)
     whole = refine(problem, chosen.fit, chosen.fit.members, scales, REFITS) or chosen.fit
     for name, values in quantities(problem.views).items():
         low = values < np.median(values)
         if not np.any(low):  # most segments are alike, such as those of a joint that rests
             continue
-        sides = []
+        fits = []
         for half in (low, ~low):
             weighted = replace(problem, importance=np.where(half, 1.0, OTHER))
-            sides.append(errors(refine(weighted, whole, whole.members, scales, REFITS) or whole))
-        found[name] = evaluation(whole, np.where(low, sides[1], sides[0]))
-    return Transfer(before, found)
+            fits.append(refine(weighted, whole, whole.members, scales, REFITS) or whole)
+        halves[name] = (fits[0], fits[1])
+        found[name] = evaluation(whole, np.where(low, errors(fits[1]), errors(fits[0])))
+    return Transfer(before, found, halves)

@@ -31,7 +31,7 @@ import numpy as np
 
 from via_gap.candidates.converged import converged
 from via_gap.candidates.covariance import delay_sd
-from via_gap.candidates.fit import event_times
+from via_gap.candidates.fit import Fit, event_times
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.selection import reliability
@@ -67,6 +67,7 @@ class Decision:
     widened     factor of the standard deviations of `chosen`, by calibration
     without     mean squared error of the repair without each of its effects, if it has several (contribution.py)
     transfer    share of the squared error that it leaves in motion to which it was not fitted (transfer.py)
+    halves      fits to the halves of the motion between which it transfers worst
     rivals      models that were fitted for this decision, in addition to those of the search
     """
 
@@ -80,6 +81,7 @@ class Decision:
     widened: float = 1.0
     without: tuple[float, ...] = ()
     transfer: Mapping[str, float] = field(default_factory=dict)
+    halves: tuple[Fit, ...] = ()
     rivals: tuple[Evaluation, ...] = ()
 
     @property
@@ -96,8 +98,9 @@ class Decision:
     def refuted(self, tuned: Evaluation, why: str) -> Decision:
         """The decision that names nothing, for the reason `why`."""
         return replace(
-            self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=why, without=(), transfer={}
-        )
+            self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=why, without=(),
+            transfer={}, halves=(),
+        )  # fmt: skip
 
     def converged(self, experiment: Experiment, scales: Scales) -> Decision:
         """The same decision with the chosen model, and those tied with it, fitted to convergence."""
