@@ -11,6 +11,7 @@ from via_gap.diagnosis import diagnose
 from via_gap.report.answer import _weights
 from via_gap.report.causes import compared_causes, conformal_set
 from via_gap.selection import gap, reliability
+from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.contribution import confirmed
 from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
@@ -74,10 +75,8 @@ def test_a_model_whose_final_fit_does_as_well_without_one_of_its_effects_is_with
     monkeypatch.setattr(gap, "reduced", lambda decided, _: left[decided.chosen])
     monkeypatch.setattr(gap, "measured_gap", lambda _, chosen, __: SimpleNamespace(after=chosen.rms, tuned=tuned.rms))
     experiment = SimpleNamespace(tuned=tuned, fitted=None)
-    comparison = SimpleNamespace(
-        experiment=experiment, models=[pair, single], candidates=SimpleNamespace(scales=None), evaluated=None
-    )
-    assert gap.decide_and_measure(comparison)[0].named == (PAYLOAD,)
+    comparison = ModelComparison(experiment, SimpleNamespace(scales=None), [pair, single])
+    assert gap.decide_and_measure(comparison).decision.named == (PAYLOAD,)
 
 
 def several(**changes) -> Decision:

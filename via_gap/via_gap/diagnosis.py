@@ -19,12 +19,12 @@ from via_core.devices import Device
 from via_core.errors import SignalError
 
 from via_gap.logs.log import JointLog
-from via_gap.report.assembly import Result, full_report, refusal_report
+from via_gap.report.assembly import full_report, refusal_report
 from via_gap.report.report import GapReport
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import candidates_of, compare_models
 from via_gap.selection.experiment import Experiment
-from via_gap.selection.gap import decide_and_measure
+from via_gap.selection.gap import Result, decide_and_measure
 from via_gap.selection.search import Progress
 from via_gap.selection.turn import part_of
 from via_gap.sensors.stamps import separate_delays
@@ -64,7 +64,7 @@ def diagnose(
     if part := part_of(experiment, found.decision):
         inside = _result(recordings, Experiment.of([part.segments], (), None, only_equations), notify)
         if inside.decision.named and part.confines(inside.decision.chosen.fit):
-            found = replace(inside, part=part)
+            found = replace(inside, part=(part.log, part.begin, part.end))
     notify("writing the report", 0.98)
     report = full_report(recordings, found)
     notify("done", 1.0)
@@ -76,8 +76,5 @@ def _result(recordings: Recordings, experiment: Experiment, notify: Progress) ->
     notify("locating the gap", 0.15)
     comparison = compare_models(experiment, candidates_of(experiment), notify)
     models, findings = separate_delays(recordings.logs, comparison.models)
-    comparison = replace(comparison, models=models)
     notify("deciding", 0.85)
-    decision, gap = decide_and_measure(comparison)
-    comparison = replace(comparison, models=[*comparison.models, *decision.rivals])
-    return Result(comparison, decision, gap, tuple(findings))
+    return decide_and_measure(replace(comparison, models=models), findings)

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from via_gap.logs.between import lines_finding
-from via_gap.logs.findings import Finding
 from via_gap.report import context
 from via_gap.report.answer import answer
 from via_gap.report.evidence_figures import evidence_figures, joint_sketch
 from via_gap.report.figures import Figures
 from via_gap.report.report import GapReport, LogInterval
 from via_gap.residual.recordings import Recordings
-from via_gap.selection.comparison import ModelComparison
-from via_gap.selection.gap import Gap
-from via_gap.selection.turn import Part
-from via_gap.selection.verdict import Decision
+from via_gap.selection.gap import Result
 from via_gap.sensors.sensor_errors import sensor_errors
 
 
@@ -34,17 +28,6 @@ def refusal_report(recordings: Recordings) -> GapReport:
     )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
-    """What was found; `findings` of the comparison, beside those of the recordings; `part` of the log it is about."""
-
-    comparison: ModelComparison
-    decision: Decision
-    gap: Gap
-    findings: tuple[Finding, ...]
-    part: Part | None = None
-
-
 def full_report(recordings: Recordings, result: Result) -> GapReport:
     """The report on a decision, and on errors that the sensors' own measurements show."""
     comparison, decision, gap, part = result.comparison, result.decision, result.gap, result.part
@@ -58,20 +41,20 @@ def full_report(recordings: Recordings, result: Result) -> GapReport:
         explained=float(np.clip(decision.explained, 0.0, 1.0)), gap=gap,
         nuisance=context.fitted_parameters(experiment.fitted, decision.chosen.fit.offsets),
         lined=experiment.segments[0].log.lined, widened=decision.widened, transfer=dict(decision.transfer),
-        halves=_halves(decision),
+        halves=_halves(result),
         data_check=(*recordings.findings, *result.findings, *lines), noise=context.channel_noise(recordings),
         not_evaluated=context.not_evaluated(recordings.first),
         figures=evidence_figures(comparison, decision, gap.by),
         held_out=context.held_out_intervals(experiment.segments, experiment.held),
-        part=None if part is None else LogInterval(log=part.log, begin=part.begin, end=part.end),
+        part=None if part is None else LogInterval(log=part[0], begin=part[1], end=part[2]),
         **vars(said),
     )  # fmt: skip
     return GapReport.model_validate(report.model_dump())
 
 
-def _halves(decision: Decision) -> dict[str, tuple[float, float]]:
+def _halves(result: Result) -> dict[str, tuple[float, float]]:
     """Parameters of the main effect, fitted to the halves between which it transfers worst; empty without any."""
-    if not decision.halves:
+    if not result.decision.halves:
         return {}
-    low, high = (each.effects[0].parameters for each in decision.halves)
+    low, high = (each.effects[0].parameters for each in result.decision.halves)
     return {name: (low[name], high[name]) for name in low}

@@ -1,15 +1,15 @@
-"""The decision, and the size of the gap: before a repair, after it, and the achievable bound."""
+"""The result of an experiment: the decision, and the gap before a repair, after it, and at the achievable bound."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.logs.findings import Number, Record
+from via_gap.logs.findings import Finding, Number, Record
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.recordings import follows
 from via_gap.selection.achievable import Achievable
@@ -59,7 +59,22 @@ class Gap(Record):
     signals: dict[str, SignalGap]
 
 
-def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
+@dataclass(frozen=True, eq=False)
+class Result:
+    """Models compared, the decision about them, and the gap.
+
+    findings  of the comparison, beside those of the recordings
+    part      name of the log, begin and end [s] of what all of it is about; None: the whole recordings
+    """
+
+    comparison: ModelComparison
+    decision: Decision
+    gap: Gap
+    findings: tuple[Finding, ...] = ()
+    part: tuple[str, float, float] | None = None
+
+
+def decide_and_measure(comparison: ModelComparison, findings: Sequence[Finding] = ()) -> Result:
     """The decision, with the chosen model fitted to convergence, and its gap.
 
     A model that its final fit does not confirm is withdrawn, and the others decide. Nothing is named if the repair of
@@ -87,10 +102,12 @@ def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
         if decision.named:
             decision = replace(decision, transfer=elsewhere.shares, halves=elsewhere.worst)
     gap = measured_gap(experiment, decision.chosen, achievable)
-    if not decision.named or gap.after < gap.tuned:
-        return decision, gap
-    why = "the effects that explain the fitted recordings do not reduce the error of the held-out ones"
-    return decision.refuted(experiment.tuned, why), measured_gap(experiment, experiment.tuned, achievable)
+    if decision.named and gap.after >= gap.tuned:
+        why = "the effects that explain the fitted recordings do not reduce the error of the held-out ones"
+        decision = decision.refuted(experiment.tuned, why)
+        gap = measured_gap(experiment, experiment.tuned, achievable)
+    compared = replace(comparison, models=[*comparison.models, *decision.rivals])
+    return Result(compared, decision, gap, tuple(findings))
 
 
 def measured_gap(experiment: Experiment, chosen: Evaluation, achievable: Achievable) -> Gap:
