@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from via_bringup.demo.reference import throwing_controller
+from via_controllers.arm_methods import HoppingParameters
 from via_controllers.contract import ArmController, ArmSample, JointSample, Torques
 from via_controllers.joint_axes import JointAxes
 from via_controllers.joint_methods import ExcitationParameters, MaxVelocityParameters
@@ -134,9 +135,15 @@ def test_motors_that_are_fast_are_predicted_in_steps_or_refused():
     coarse, fine = (ahead(axes, sample, (), seconds, each) for each in (steps, 1000))
     assert steps > 1 and coarse.theta == pytest.approx(fine.theta, abs=1e-3)
     assert coarse.theta_velocity == pytest.approx(fine.theta_velocity, abs=0.02)
-    fast = JointAxes(load_device("cubic_aa_vsa"))
+    limits = ArmLimits(JointAxes(load_device("cubic_aa_vsa")))
     with pytest.raises(ParameterError, match=r"the motors are too fast to predict 0\.005 s; at most 0\.00"):
-        Supervisor(Records(), Records(), ArmLimits(fast), 5e-3)
+        Supervisor(Records(), Records(), limits, 5e-3)
+    with pytest.raises(ParameterError) as error:
+        Supervisor(Records(), Records(), limits, 0.1)
+    longest = float(str(error.value).split()[-2])
+    assert Supervisor(Records(), Records(), limits, longest).delay == longest > 1e-3
+    with pytest.raises(ParameterError, match="contacts of the feet cannot be predicted"):
+        HoppingParameters(delay=1e-3).build()
 
 
 def test_without_a_delay_samples_are_used_as_they_are():

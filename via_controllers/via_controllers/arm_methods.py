@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import floor, isfinite, log, log10
+from math import log
 from typing import Any
 
 import numpy as np
-from via_core.errors import ParameterError
 from via_core.hopper import JOINTS, Hopper
 from via_core.parameters import parameter
 from via_core.vsa_arms import load_vsa_arm
@@ -17,8 +16,9 @@ from via_controllers.arms.bang_bang import ModalBangBang
 from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
 from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.arms.motor_pd import MotorPd
-from via_controllers.arms.orbit_demand import demand_of, largest_level
+from via_controllers.arms.orbit_demand import require_possible
 from via_controllers.arms.self_start import START
+from via_controllers.contract import require
 from via_controllers.correction import LARGEST_FACTOR, CorrectionRule
 from via_controllers.robot import ControlledArm, ControllerParameters, joint_values
 from via_controllers.supervision.arm_limits import ArmLimits
@@ -74,19 +74,10 @@ class ModalLimitCycleParameters(ControllerParameters):
         )
 
     def build(self) -> ControlledArm:
-        controller: Any = self.adaptive() if self.adapt else self.controller()
-        self._check_level(controller.published.cycle if self.adapt else controller.cycle)
+        published = self.controller()
+        require_possible(published.cycle)
+        controller: Any = self.adaptive() if self.adapt else published
         return ControlledArm.with_holding(load_vsa_arm(self.arm), controller)
-
-    def _check_level(self, cycle: ModalLimitCycle) -> None:
-        limit, share = demand_of(cycle)
-        if share > 1.0:
-            largest = largest_level(cycle)
-            remedy = "choose another mode or equilibrium"
-            if largest > 0.0:
-                remedy = f"largest level: {_rounded_down(largest)}"
-            needed = f"{share:.3g} times the {limit}" if isfinite(share) else f"more than the {limit}"
-            raise ParameterError(f"level {self.level:g} of mode {self.mode} needs {needed}; {remedy}")
 
     def controller(self) -> VsaModalLimitCycle:
         """The controller with the model of the file; raises ParameterError or DeviceError."""
@@ -99,12 +90,6 @@ class ModalLimitCycleParameters(ControllerParameters):
             "mode": self.mode - 1,
         }
         return VsaModalLimitCycle(ModalLimitCycle(**self.shared(ModalLimitCycle) | own), self.bandwidth)
-
-
-def _rounded_down(value: float) -> str:
-    """A positive number with two digits, not above it."""
-    digit = 10.0 ** (floor(log10(value)) - 1)
-    return f"{floor(value / digit) * digit:.2g}"
 
 
 @dataclass(frozen=True)
@@ -138,6 +123,7 @@ class HoppingParameters(ControllerParameters):
     adaptation: float = parameter(50.0, "gamma, adaptation rate of w_1", "1/(rad^2 s)", (0.0, 1e6), live=True)
 
     def build(self) -> ControlledArm:
+        require(self.delay == 0.0, "delay: contacts of the feet cannot be predicted; leave it 0")
         legs = Hopper()
         motors = legs.crouched(self.crouch)
         hold = MotorPd(legs, motors, legs.standing(self.crouch), self.bandwidth)

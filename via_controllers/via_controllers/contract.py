@@ -141,6 +141,12 @@ def limited_torque(torque: Array, limit: Array) -> tuple[Array, bool]:
     return out, saturated
 
 
+def rounded_down(value: float) -> str:
+    """A positive number with two digits, not above it: for the largest possible value in an error."""
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.floor(value / digit) * digit:.2g}"
+
+
 def require(condition: bool, message: str) -> None:
     """Raise ParameterError with `message` unless `condition` holds."""
     if not condition:

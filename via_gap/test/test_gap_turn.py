@@ -80,8 +80,9 @@ def test_an_effect_that_begins_or_ends_in_a_log_is_named_with_its_time(begins):
         log_of(rigid(), (), seed=5, duration=DURATION),
         log_of(rigid(), (COULOMB,), seed=5, duration=DURATION),
     )
-    log = joined(without, with_it, AT) if begins else joined(with_it, without, AT)
-    report = diagnose([log], rigid())
+    log, shares = joined(without, with_it, AT) if begins else joined(with_it, without, AT), []
+    report = diagnose([log], rigid(), progress=lambda _what, share: shares.append(share))
+    assert shares == sorted(shares) and shares[-1] == 1.0
     assert [each.effect for each in report.effects] == ["coulomb_friction"]
     assert report.part is not None and report.part.log == "joined"
     low, high = (report.part.begin, log.duration) if begins else (0.0, report.part.end)

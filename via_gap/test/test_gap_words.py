@@ -47,6 +47,10 @@ def test_a_main_effect_says_in_which_motion_it_fails():
     assert f"Fitted to slow motion {said.format('fast motion', 22)}" in remainder(slow)
     sized = slow.model_copy(update={"halves": {"amplitude": (0.02, 0.031), "phase": (0.1, 0.2)}})
     assert "squared error; its amplitude is 0.02 N m in the first fit and 0.031 N m in the second." in remainder(sized)
+    first, *others = sized.causes
+    combined = Combination(expression="amplitude * phase", value=0.1, sd=0.01, unit="N m rad")
+    only = sized.model_copy(update={"causes": (first.model_copy(update={"combinations": (combined,)}), *others)})
+    assert only.causes[0].place == only.effects[0] and "leaves 22 % of the squared error." in remainder(only)
     loaded = report.model_copy(update={"transfer": {"load of spring 1": 0.25}})
     assert f"Fitted to small load of spring 1 {said.format('large load of spring 1', 25)}" in remainder(loaded)
 

@@ -62,7 +62,9 @@ def diagnose(
     experiment = Experiment.of(recordings.fitted, recordings.held_out, groups, only_equations)
     found = _result(recordings, experiment, notify)
     if part := part_of(experiment, found.decision):
-        inside = _result(recordings, Experiment.of([part.segments], (), None, only_equations), notify)
+        notify("diagnosing the part with the larger gap", 0.9)
+        alone = Experiment.of([part.segments], (), None, only_equations)
+        inside = _result(recordings, alone, lambda _what, _share: None)
         if inside.decision.named and part.confines(inside.decision.chosen.fit):
             found = replace(inside, part=(part.log, part.begin, part.end))
     notify("writing the report", 0.98)

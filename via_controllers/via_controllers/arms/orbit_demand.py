@@ -10,7 +10,7 @@ Source: inverse dynamics of flexible joints, (9), (10) and (105) of the document
 from __future__ import annotations
 
 from dataclasses import replace
-from math import inf, pi, sqrt
+from math import inf, isfinite, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 
 from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
+from via_controllers.contract import rounded_down
 
 PERIODS, STEPS = 3, 200  # simulated, and steps in each
 SMALLEST, HALVINGS = 1e-3, 12  # [rad] of the joint that moves most, at the least level; steps of the bisection
@@ -28,6 +29,16 @@ class Demand(NamedTuple):
 
     limit: str  # e.g. 'torque limit of elbow'
     share: float  # [-] of it that is needed; above 1 the motors cannot follow
+
+
+def require_possible(cycle: ModalLimitCycle) -> None:
+    """Raise ParameterError with the largest level if motors or springs cannot give that of the cycle."""
+    limit, share = demand_of(cycle)
+    if share > 1.0:
+        largest = largest_level(cycle)
+        remedy = f"largest level: {rounded_down(largest)}" if largest else "choose another mode or equilibrium"
+        needed = f"{share:.3g} times the {limit}" if isfinite(share) else f"more than the {limit}"
+        raise ParameterError(f"level {cycle.level:g} of mode {cycle.mode + 1} needs {needed}; {remedy}")
 
 
 def demand_of(cycle: ModalLimitCycle) -> Demand:

@@ -114,9 +114,9 @@ class Supervisor:
         deciding, controller = (Activity.ACTIVE, self.controller) if active else (Activity.HOLDING, self.holding)
         continued = state.deciding is deciding and 0.0 <= sample.time - state.time <= GAP
         try:
-            arm = (controller.model(state.inner) if continued else None) or self.limits.arm
             seen, limited = sample, motion.corrected
             if self.delay > 0.0:
+                arm = (controller.model(state.inner) if continued else None) or self.limits.arm
                 sent = self._acting(state, sample.time)
                 seen, limited = (ahead(arm, each, sent, self.delay, self._steps) for each in (seen, limited))
             inner, out = controller.step(state.inner if continued else controller.init(seen), seen)

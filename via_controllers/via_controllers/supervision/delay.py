@@ -2,10 +2,10 @@
 
     x(t + d) = x(t) + the integral of xd(x, tau) over d,   tau(s) = the torque commanded at the last stamp <= s - d
 
-in Runge-Kutta steps of fourth order under the mean torque, by the model of the controller. Steps are shorter than the
-time constants of the motors, 1 / pace with pace = (D + d) / B + (sigma / B)^(1/2). An acceleration that is wrong by a
-makes the angles wrong by a d^2 / 2 and the velocities by a d: if it is 5 % of that at 30 rad/s, .06 % of the amplitude
-and .8 % of the largest velocity in 5 ms.
+in Runge-Kutta steps of fourth order under the mean torque, by the model of the controller. Steps are stable: not longer
+than 1 / pace of the motors, pace = D / B + (sigma / B)^(1/2), with the damper of the transmission in D. Contacts of the
+links are not predicted. An acceleration that is wrong by a makes the angles wrong by a d^2 / 2 and the velocities by
+a d: if it is 5 % of that at 30 rad/s, .06 % of the amplitude and .8 % of the largest velocity in 5 ms.
 Source: prediction over a dead time; Astrom and Murray, Feedback Systems, Section 10.4.
 """
 
@@ -16,9 +16,10 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
+from via_core.errors import ParameterError
 from via_core.signals import Array
 
-from via_controllers.contract import ArmSample, require
+from via_controllers.contract import ArmSample, rounded_down
 from via_controllers.supervision.arm_limits import LimitedArm
 
 MOST = 32  # steps of a prediction
@@ -56,8 +57,9 @@ def steps_of(arm: LimitedArm, delay: float) -> int:
         damping = np.abs(arm.loads(q, zero, zero, zero - NEAR)[0] - torque) / NEAR + arm.motor_friction
         fastest = max(fastest, float(np.max(damping / arm.motor_inertia + np.sqrt(stiffness / arm.motor_inertia))))
     steps = max(ceil(delay * fastest), 1)
-    longest = MOST / fastest if fastest > 0.0 else delay
-    require(steps <= MOST, f"delay: the motors are too fast to predict {delay:g} s; at most {longest:.1g} s")
+    if steps > MOST:
+        longest = rounded_down(MOST / fastest)
+        raise ParameterError(f"delay: the motors are too fast to predict {delay:g} s; at most {longest} s")
     return steps
 
 

@@ -152,11 +152,13 @@ def _transfer(report: GapReport) -> str:
 
 
 def _sizes(report: GapReport) -> str:
-    """The first parameter of the main effect in both of these fits; empty if they are not known."""
+    """The first parameter of the main effect in both of these fits; empty if only combinations are determined."""
     if not report.halves:
         return ""
     name, (low, high) = next(iter(report.halves.items()))
     (cause,) = (each for each in report.causes if each.place == report.effects[0])
+    if cause.combinations:
+        return ""
     unit = cause.parameters[name].unit
     shown = "" if unit == "-" else f" {unit}"
     return f"; its {plain(name)} is {number(low)}{shown} in the first fit and {number(high)}{shown} in the second"

@@ -193,6 +193,10 @@ class ResidualModel:
         """Mean square (..., S) of a residual (..., R) in each segment; 1: sensor noise alone."""
         return np.concatenate([np.mean(each**2, axis=-1) for each in self.by_view(residual)], axis=-1)
 
+    def squares(self, effects: Sequence[Effect], offsets: Array) -> Array:
+        """(S,) of `per_segment` with these effects and fitted device parameters `offsets` (J,)."""
+        return self.per_segment(self.residual([self.row(effects, offsets)])[0])
+
     def evidence(self, residual: Array) -> Array:
         """Mean square (..., E) of a residual (..., R) in each segment, with one value for all segments of one rest."""
         return self.once_per_rest(self.per_segment(residual))

@@ -69,7 +69,7 @@ def transferred(chosen: Evaluation, experiment: Experiment, scales: Scales) -> T
     problem = experiment.everywhere()
 
     def errors(fit: Fit) -> Array:
-        return problem.per_segment(problem.residual([problem.row(fit.effects, fit.offsets)])[0])
+        return problem.squares(fit.effects, fit.offsets)
 
     def evaluation(fit: Fit, squares: Array) -> Evaluation:
         return Evaluation(fit, squares, squares, tuned.block)

@@ -60,8 +60,7 @@ class Part:
         problem = self.whole.everywhere()
 
         def evaluation(effects: tuple[Effect, ...]) -> Evaluation:
-            residual = problem.residual([problem.row(effects, fit.offsets)])[0]
-            squares = problem.per_segment(residual)[~self.inside]
+            squares = problem.squares(effects, fit.offsets)[~self.inside]
             return Evaluation(fit, squares, squares, self.whole.tuned.block)
 
         return significantly_worse(evaluation(fit.effects), evaluation(()))
@@ -77,9 +76,8 @@ def part_of(experiment: Experiment, decision: Decision) -> Part | None:
 
 def _larger_gap(experiment: Experiment) -> Part | None:
     """The part of the only log in which the gap is larger, if that is certain."""
-    problem, (segments,) = experiment.everywhere(), experiment.segments
-    fit = experiment.tuned.fit
-    levels = np.log(problem.per_segment(problem.residual([problem.row(fit.effects, fit.offsets)])[0]) + 1e-12)
+    problem, (segments,), fit = experiment.everywhere(), experiment.segments, experiment.tuned.fit
+    levels = np.log(np.maximum(problem.squares(fit.effects, fit.offsets), ALIKE))
     motion = quantities(problem.views)
     time = motion.pop("time")
     order = np.argsort(time)
