@@ -263,9 +263,21 @@ def test_stamps_that_jump_leave_the_estimate_sound(late):
     rows = np.vstack([course(0.3), course(0.3)])
     rows[:, 0] = np.arange(len(rows)) / RATE
     rows[1000:, 0] += late
-    found = estimated(rows)
-    assert np.isfinite(found.standard_deviation).all()
-    assert found.status[-1] == Status.OK and found.value[-1, 0] == pytest.approx(0.3, abs=2e-3)
+    for own in (PARAMETERS, replace(PARAMETERS, payload_drift=0.2)):
+        found = estimated(rows, own)
+        assert np.isfinite(found.standard_deviation).all()
+        assert found.status[-1] == Status.OK and found.value[-1, 0] == pytest.approx(0.3, abs=2e-3)
+
+
+def test_windows_before_and_after_a_gap_are_not_compared():
+    """Noise is measured again by the third window after it."""
+    rows = np.vstack([course(0.3), course(0.3)[:300]])
+    rows[:, 0] = np.arange(len(rows)) / RATE
+    rows[2000:, 0] += 1.0
+    counts = [
+        payload._filter(Payload(ARM, PARAMETERS).run_rows(rows[:n])[0].copy(), N)[3][0] for n in (2000, 2155, 2205)
+    ]
+    assert counts[0] == counts[1] == counts[2] - 1.0
 
 
 def test_a_sample_that_was_sent_twice_is_no_motion():
@@ -278,6 +290,12 @@ def test_a_sample_that_was_sent_twice_is_no_motion():
 
 
 def test_exact_signals_have_no_noise_to_divide_by():
+    """Also after hours of exact rest, when nothing is left of the noise that was expected."""
+    estimator, rows = Payload(ARM, PARAMETERS), course(0.3)[:800]
+    state, out = estimator.init().copy(), np.zeros((len(rows), 2 + 2 * (1 + N)))
+    payload._filter(state, N)[2][:] = 0.0
+    estimator._fold_rows(state, rows, out)
+    assert np.isfinite(out).all() and out[-1, 2] == pytest.approx(0.3, abs=2e-3)
     own = replace(PARAMETERS, noise=1e-9)
     assert np.isfinite(estimated(course(0.3), own).standard_deviation).all()
     assert np.isfinite(
