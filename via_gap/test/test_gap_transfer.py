@@ -14,12 +14,14 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.refinement import refine
 from via_gap.candidates.scales import Scales
 from via_gap.diagnosis import diagnose
+from via_gap.report.assembly import _halves
 from via_gap.residual.quantities import quantities
 from via_gap.residual.recordings import Recordings
 from via_gap.selection import reliability, transfer
 from via_gap.selection.comparison import candidates_of
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
+from via_gap.selection.gap import Result
 from via_gap.selection.transfer import Transfer, transferred
 from via_gap.selection.verdict import Decision, decide
 from via_sim.effects import Effect
@@ -60,6 +62,18 @@ def test_what_resembles_it_has_another_size_in_fast_motion(experiment):
     found = transferred(model, experiment, scales)
     slow, fast = (each.effects[0].parameters["coefficient"] for each in found.worst)
     assert found.worst is found.halves["speed"] and fast > 1.3 * slow > 0.0
+
+
+def test_the_report_has_the_main_effect_as_fitted_to_the_lower_and_to_the_upper_half(experiment):
+    other = Effect("coulomb_friction", "link", {"torque": 0.1})
+    low, high = (
+        replace(experiment.tuned.fit, effects=(Effect(DRAG.name, "link", {"coefficient": size}), other))
+        for size in (0.04, 0.06)
+    )
+    decision = replace(decide(experiment.tuned, [], lambda _: experiment.tuned), halves=(low, high))
+    result = Result(None, decision, None)
+    assert _halves(result) == {"coefficient": (0.04, 0.06)}
+    assert _halves(replace(result, decision=replace(decision, halves=()))) == {}
 
 
 def test_an_effect_that_resembles_it_fails_in_fast_motion_when_fitted_to_slow_motion(experiment):

@@ -10,7 +10,10 @@ from via_core.signals import Signals
 from via_gap.diagnosis import diagnose
 from via_gap.rendering.words import cautions, headline, next_steps
 from via_gap.report.report import LogInterval
-from via_gap.selection.turn import FEWEST, turning_point
+from via_gap.residual.quantities import quantities
+from via_gap.residual.recordings import Recordings
+from via_gap.selection.experiment import Experiment
+from via_gap.selection.turn import FEWEST, Part, turning_point
 from via_sim.effects import Effect
 
 AT, DURATION = 18.0, 30.0  # [s]
@@ -97,6 +100,17 @@ def test_an_effect_that_begins_or_ends_in_a_log_is_named_with_its_time(begins):
 def test_an_effect_that_acts_all_the_time_is_not_dated():
     report = diagnose([log_of(rigid(), (COULOMB,), seed=5, duration=DURATION)], rigid())
     assert [each.effect for each in report.effects] == ["coulomb_friction"] and report.part is None
+
+
+@pytest.mark.parametrize("always", [True, False])
+def test_only_the_other_part_can_say_that_an_effect_does_not_act_there(always):
+    without, with_it = (log_of(rigid(), effects, seed=5, duration=DURATION) for effects in ((), (COULOMB,)))
+    recordings = Recordings.of([with_it if always else joined(without, with_it, AT)], None, rigid())
+    experiment = Experiment.of(recordings.fitted, recordings.held_out)
+    time = quantities(experiment.everywhere().views)["time"]
+    part = Part("log", AT, DURATION, experiment, time >= AT)
+    assert part.confines(replace(experiment.tuned.fit, effects=(COULOMB,))) != always
+    assert np.sum(part.segments.valid) == np.sum(time >= AT)
 
 
 def test_words_say_from_when_on_or_until_when():
