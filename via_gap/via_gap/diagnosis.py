@@ -26,6 +26,7 @@ from via_gap.selection.comparison import candidates_of, compare_models
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.gap import Result, decide_and_measure
 from via_gap.selection.search import Progress
+from via_gap.selection.second_view import second_view, upheld
 from via_gap.selection.turn import part_of
 from via_gap.sensors.stamps import separate_delays
 
@@ -74,6 +75,17 @@ def diagnose(
 
 
 def _result(recordings: Recordings, experiment: Experiment, notify: Progress) -> Result:
+    """The result of an experiment; if simulation names no cause, that by inverse dynamics."""
+    found = _decided(recordings, experiment, notify)
+    if torques := second_view(experiment, found.decision):
+        notify("comparing torques", 0.9)
+        other = _decided(recordings, torques, lambda _what, _share: None)
+        if upheld(experiment, found.decision, other.decision):
+            return other
+    return found
+
+
+def _decided(recordings: Recordings, experiment: Experiment, notify: Progress) -> Result:
     """Candidates, comparison and decision of one experiment."""
     notify("locating the gap", 0.15)
     comparison = compare_models(experiment, candidates_of(experiment), notify)

@@ -83,10 +83,7 @@ class Experiment:
             known = groups or {}
             names = [known.get(s.log.name, i) for i, s in enumerate(segments) if len(train[i])]
             return made._crossed(names)
-        open_loop = made.evaluated.device.drive == "torque"  # otherwise the control loop is part of the model
-        if open_loop and made.other_view is not None and not predicts(made.tuned, made.baseline):
-            return made._by_equations() or made
-        return made
+        return made if predicts(made.tuned, made.baseline) else made.compared_by_equations() or made
 
     def evaluate(self, fits: Sequence[Fit]) -> list[Evaluation]:
         """Held-out errors of fits in both views."""
@@ -134,8 +131,14 @@ class Experiment:
             return False
         return not significantly_worse(self.tuned.in_other_view, _baseline(self.other_view, self.tuned))
 
-    def _by_equations(self) -> Experiment | None:
-        """The same compared by inverse dynamics alone; None if no model predicts the torque of the drive either."""
+    def compared_by_equations(self) -> Experiment | None:
+        """The same compared by inverse dynamics alone.
+
+        None if no equation can be evaluated, or no model predicts the torque of the drive. Neither for a drive with a
+        control loop: as part of the model it makes up for missing torque.
+        """
+        if self.other_view is None or self.folds is not None or self.evaluated.device.drive != "torque":
+            return None
         made = _experiment(self.segments, self.train, self.held, equations=True)
         bound = replace(made.tuned, segments=made.bound_of_equations(made.tuned.fit), fitted=np.empty(0))
         return None if significantly_worse(bound, made.baseline) else made

@@ -1,0 +1,33 @@
+"""The other view of the data, where simulated segments name no cause.
+
+A torque that no model predicts (a push, a cable, a hand) adds up in a simulated segment, and hides whatever acts beside
+it. In inverse dynamics it stays in its window and in the equation of its axis: a link that is pushed at random leaves
+the equation of its spring as it is. So if simulation names nothing, models are compared by inverse dynamics.
+
+That answer stands if simulation agrees:
+
+- the repair lowers the error of simulated segments as well;
+- if a flexible torque explains the simulated error that no effect explains (`unknown`), only an effect that explains
+  everything refutes that: a main effect leaves it as unknown as before.
+"""
+
+from __future__ import annotations
+
+from via_gap.candidates.refinement import fit_on
+from via_gap.selection.experiment import Experiment
+from via_gap.selection.verdict import UNNAMED, Decision
+
+
+def second_view(experiment: Experiment, decision: Decision) -> Experiment | None:
+    """The experiment by inverse dynamics, if simulation names no cause; None if it does, or there is no equation."""
+    if decision.verdict not in UNNAMED or experiment.by_equations:
+        return None
+    return experiment.compared_by_equations()
+
+
+def upheld(experiment: Experiment, first: Decision, other: Decision) -> bool:
+    """Whether the decision `other` by inverse dynamics names what the simulation, with its decision `first`, supports."""
+    if not other.named or (first.verdict == "unknown" and other.verdict == "main_effect"):
+        return False
+    (repaired,) = experiment.evaluate([fit_on(experiment.fitted, other.chosen.fit)])
+    return repaired.on_all.score < experiment.tuned.on_all.score
