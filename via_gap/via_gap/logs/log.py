@@ -42,6 +42,7 @@ class JointLog:
     passed: Mapping[str, int] = field(default_factory=dict)  # by channel: ends of turns that were made continuous
     hint: str = ""  # columns that may hold the commands of a log without, see `StampReport.hint`
     breaks: tuple[tuple[float, float], ...] = ()  # [s] begin and length of breaks that were made short
+    restamped: float = 0.0  # [s] root mean square change of stamps that an even clock replaced
     disbelieved: tuple[int, ...] = ()  # motors whose encoder jumps: their angles count as not measured
     # [s] delay of commands (or torques in their place) that are interpolated linearly between samples;
     # None: zero-order hold (`via_gap.logs.between`)

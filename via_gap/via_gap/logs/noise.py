@@ -86,8 +86,13 @@ def log_noise(log: JointLog) -> LogNoise:
 def clock_of(time: Array) -> Clock:
     """Period and jitter of stamps (N,) [s]; lost samples and a slow drift of the clock do not count as jitter."""
     period = float(np.median(np.diff(time)))
-    count = np.concatenate(([0.0], np.cumsum(np.maximum(np.rint(np.diff(time) / period), 1.0))))
-    return Clock(period, channel_noise(count * period, time, 0.0).white)
+    return Clock(period, channel_noise(sample_numbers(time) * period, time, 0.0).white)
+
+
+def sample_numbers(time: Array) -> Array:
+    """(N,) numbers of samples with stamps (N,) [s]; lost ones are counted."""
+    steps = np.diff(time)
+    return np.concatenate(([0.0], np.cumsum(np.maximum(np.rint(steps / np.median(steps)), 1.0))))
 
 
 def stamp_jitter(time: Array) -> float:

@@ -16,6 +16,7 @@ from scipy.signal import savgol_filter
 from via_core.signals import Array, Indices, Mask
 
 from via_gap.logs.angle_torque import left_by_angles
+from via_gap.logs.even_clock import evened
 from via_gap.logs.findings import Finding, Severity, worst_first
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import STANDARD_ERRORS, LogNoise, log_noise
@@ -36,8 +37,12 @@ WORTH = 1.0  # jitter error over noise: from here jitter is the larger part of t
 
 @dataclass(frozen=True)
 class Quality:
-    """Quality of one log."""
+    """Quality of one log.
 
+    log  the log itself, with the stamps to use
+    """
+
+    log: JointLog
     findings: tuple[Finding, ...]  # worst first
     usable: tuple[Interval, ...]  # (begin, end) [s] on the log's clock of the intervals that may be compared
     noise: LogNoise
@@ -61,8 +66,10 @@ class _Found(NamedTuple):
 
 
 def assessed(log: JointLog) -> Quality:
-    """Quality of a log with the noise that is measured in it."""
-    return assess(log, log_noise(log))
+    """Quality of a log with the noise that is measured in it; on an even clock, if its stamps are wrong."""
+    noise = log_noise(log)
+    even = evened(log, noise.jitter)
+    return assess(log, noise) if even is log else assess(even, log_noise(even))
 
 
 def assess(log: JointLog, noise: LogNoise) -> Quality:
@@ -85,7 +92,9 @@ def assess(log: JointLog, noise: LogNoise) -> Quality:
         refused = ["no usable interval of the log is long enough: record it again on a machine with less load"]
     commands = tuple(gap for each in found for gap in each.command_gaps)
     samples = tuple(gap for each in found for gap in each.sample_gaps)
-    return Quality(tuple(findings), tuple(usable), noise, " ".join(f"{text}." for text in refused), commands, samples)
+    return Quality(
+        log, tuple(findings), tuple(usable), noise, " ".join(f"{text}." for text in refused), commands, samples
+    )
 
 
 def _without(whole: Interval, cuts: Sequence[Interval]) -> list[Interval]:
@@ -175,6 +184,12 @@ def _commands(log: JointLog) -> Iterator[_Found]:
 
 def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     jitter, own = noise.jitter, noise.channels["q"]
+    if log.restamped > 0.0:
+        text = (
+            f"time stamps are wrong by {1e3 * log.restamped:.2g} ms: the motion is smoother on an even clock, which "
+            "replaces them; stamp samples where they are measured"
+        )
+        yield _Found(log.finding("clock", "time", "note", 1e3 * log.restamped, text))
     if jitter <= 0.0:
         return
     there = np.isfinite(log.measured["q"])

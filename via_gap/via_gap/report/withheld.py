@@ -64,7 +64,10 @@ def compared_segments(
 
 def _cut(log: JointLog, as_diagnosed: bool) -> Segments:
     """The segments of a log; as in a diagnosis, those where it cannot be used are invalid."""
-    return cut_log(log, quality=assessed(log) if as_diagnosed else None)
+    if not as_diagnosed:
+        return cut_log(log)
+    quality = assessed(log)
+    return cut_log(quality.log, quality=quality)
 
 
 def _held(segments: Segments, held_out: Sequence[LogInterval]) -> Indices:

@@ -57,7 +57,8 @@ class Recordings:
         for number, log in enumerate(every):
             if log.name not in refused:
                 try:
-                    sides[number >= len(logs)].append(cut(log, quality=quality[log.name]))
+                    known = quality[log.name]
+                    sides[number >= len(logs)].append(cut(known.log, quality=known))
                 except SignalError as error:
                     findings.append(log.finding("usable", "all", "refuse", 0.0, str(error)))
         fitted, held_out = map(tuple, sides)

@@ -227,7 +227,7 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
 def cut_with_noise(log: JointLog, noise: LogNoise) -> Segments:
     """The segments of a log that can be used as a whole and whose noise is known. Raises SignalError as `cut_log`."""
     whole = (float(log.measured.time[0]), float(log.measured.time[-1]))
-    return cut_log(log, quality=Quality((), (whole,), noise))
+    return cut_log(log, quality=Quality(log, (), (whole,), noise))
 
 
 def _command_gaps(
