@@ -5,6 +5,7 @@
 3. candidates   every effect at every location of the device, with typical sizes in these logs
 4. comparison   search for models: effects are added, exchanged and dropped by their held-out error
 5. decision     achievable error; verdict, named effects, ranking and ties; the gap before and after
+                if simulation names no cause: steps 3 to 5 by inverse dynamics
                 if the gap begins or ends in the log: steps 2 to 5 for the part in which it is larger
 6. report       the numbers, the sites of the gap, sensor errors, and what the logs cannot show
 """
@@ -16,7 +17,6 @@ from dataclasses import replace
 
 from threadpoolctl import threadpool_limits
 from via_core.devices import Device
-from via_core.errors import SignalError
 
 from via_gap.logs.log import JointLog
 from via_gap.report.assembly import full_report, refusal_report
@@ -28,7 +28,7 @@ from via_gap.selection.gap import Result, decide_and_measure
 from via_gap.selection.search import Progress
 from via_gap.selection.second_view import second_view, upheld
 from via_gap.selection.turn import part_of
-from via_gap.sensors.stamps import separate_delays
+from via_gap.sensors.stamps import separate_delays, with_late_angle
 
 
 # Threads of linear algebra wait by spinning, which takes the cores from the kernels (residual/threads.py).
@@ -52,8 +52,6 @@ def diagnose(
 
     Raises SignalError if `logs` is empty. A log that cannot be used is a finding in the report.
     """
-    if not logs:
-        raise SignalError("no log to diagnose")
     notify = progress or (lambda _what, _share: None)
     notify("checking the recordings", 0.0)
     recordings = Recordings.of(logs, holdout, device)
@@ -91,4 +89,5 @@ def _decided(recordings: Recordings, experiment: Experiment, notify: Progress) -
     comparison = compare_models(experiment, candidates_of(experiment), notify)
     models, findings = separate_delays(recordings.logs, comparison.models)
     notify("deciding", 0.85)
-    return decide_and_measure(replace(comparison, models=models), findings)
+    result = decide_and_measure(replace(comparison, models=models), findings)
+    return replace(result, decision=with_late_angle(result.decision, recordings.logs[0]))

@@ -73,6 +73,8 @@ class Location:
 def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
     """All locations of all effects that this device can have and that change the simulation of this log."""
     seen = (0, *(1 + i for i, each in enumerate(log.motors_seen) if each))
+    # Of a rigid joint with a torque drive, sensors/stamps.py separates a late angle from a late command.
+    alone = len(seen) == 1 and (device.n_motors > 0 or device.drive == "position")
     found = []
     for kind in EFFECTS.values():
         if kind.measured or not _has_channel(kind, log):
@@ -82,6 +84,8 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
                 continue  # torque sensors: found in the measurements
             if site in ("sensor", "timing") and motor not in seen:
                 continue
+            if site == "timing" and alone:
+                continue  # a late command gives the same record: sensors/stamps.py adds it there
             found.append(Location(kind.name, site, motor))
     return tuple(found)
 

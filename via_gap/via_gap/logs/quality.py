@@ -66,10 +66,9 @@ class _Found(NamedTuple):
 
 
 def assessed(log: JointLog) -> Quality:
-    """Quality of a log with the noise that is measured in it; on an even clock, if its stamps are wrong."""
-    noise = log_noise(log)
-    even = evened(log, noise.jitter)
-    return assess(log, noise) if even is log else assess(even, log_noise(even))
+    """Quality of a log with the noise that is measured in it; with corrected stamps, if they are wrong."""
+    even = evened(log)
+    return assess(even, log_noise(even))
 
 
 def assess(log: JointLog, noise: LogNoise) -> Quality:
@@ -186,8 +185,8 @@ def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     jitter, own = noise.jitter, noise.channels["q"]
     if log.restamped > 0.0:
         text = (
-            f"time stamps are wrong by {1e3 * log.restamped:.2g} ms: the motion is smoother on an even clock, which "
-            "replaces them; stamp samples where they are measured"
+            f"time stamps are wrong by {1e3 * log.restamped:.2g} ms, as the motion shows; corrected towards an even "
+            "clock. Stamp samples where they are measured"
         )
         yield _Found(log.finding("clock", "time", "note", 1e3 * log.restamped, text))
     if jitter <= 0.0:

@@ -45,7 +45,9 @@ class Recordings:
 
     @staticmethod
     def of(logs: Sequence[JointLog], holdout: Sequence[JointLog] | None, device: Device) -> Recordings:
-        """The checked recordings; a log that cannot be used is a finding."""
+        """The checked recordings; a log that cannot be used is a finding. Raises SignalError without a log to fit."""
+        if not logs:
+            raise SignalError("no log to diagnose")
         every = believed([*logs, *(holdout or ())])
         findings = [each for log in every for each in check_log(log)]
         refused = {each.log for each in findings if each.severity == "refuse"}

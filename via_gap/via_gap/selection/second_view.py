@@ -26,7 +26,7 @@ def second_view(experiment: Experiment, decision: Decision) -> Experiment | None
 
 
 def upheld(experiment: Experiment, first: Decision, other: Decision) -> bool:
-    """Whether the decision `other` by inverse dynamics names what the simulation, with its decision `first`, supports."""
+    """Whether simulation, which led to the decision `first`, supports what `other`, by inverse dynamics, names."""
     if not other.named or (first.verdict == "unknown" and other.verdict == "main_effect"):
         return False
     (repaired,) = experiment.evaluate([fit_on(experiment.fitted, other.chosen.fit)])

@@ -31,6 +31,7 @@ from via_gap.candidates.location import Location
 from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog, quantum
 from via_gap.selection.evidence import Evaluation
+from via_gap.selection.verdict import Decision
 
 LATE_COMMAND = Location("actuator_delay", "command", 0)
 LATE_ANGLE = Location("channel_skew", "timing", 0)
@@ -79,6 +80,37 @@ def separate_delays(logs: Sequence[JointLog], models: Sequence[Evaluation]) -> t
         else "commands depend on the link angle as it is stamped: the angle is not late, the command is"
     )
     return _renamed(models, wrong, right), [logs[0].finding("feedback", "q", "note", float(late), text)]
+
+
+def with_late_angle(decision: Decision, log: JointLog) -> Decision:
+    """The decision with a late angle beside a late command, if the link's angle is all that was measured.
+
+    Both give the same record whatever else acts, so that no log can separate them, and each has half of the share. As a
+    candidate of its own, the late angle would only make every model with a late command uncertain.
+    """
+    controlled = log.device.n_motors > 0 or log.device.drive == "position"
+    if not controlled or any(log.motors_seen):
+        return decision
+    shares: list[tuple[Location, float]] = []
+    models: list[Evaluation] = []
+    for (cause, share), model in zip(decision.shares, decision.models, strict=True):
+        if cause == LATE_COMMAND and _delay(model) <= MAX_SKEW:
+            shares += [(LATE_COMMAND, 0.5 * share), (LATE_ANGLE, 0.5 * share)]
+            models += [model, *_renamed([model], LATE_COMMAND, LATE_ANGLE)]
+        else:
+            shares.append((cause, share))
+            models.append(model)
+    also = (LATE_ANGLE,) if LATE_COMMAND in decision.equivalent and len(shares) > len(decision.shares) else ()
+    order = sorted(range(len(shares)), key=lambda i: -shares[i][1])
+    return replace(
+        decision, shares=tuple(shares[i] for i in order), models=tuple(models[i] for i in order),
+        equivalent=(*decision.equivalent, *also),
+    )  # fmt: skip
+
+
+def _delay(model: Evaluation) -> float:
+    """[s] of the late command of a model."""
+    return model.fit.effects[model.fit.locations.index(LATE_COMMAND)].parameters["delay"]
 
 
 def _renamed(found: Sequence[Evaluation], wrong: Location, right: Location) -> list[Evaluation]:
