@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
+from gap_models import PAYLOAD, evaluated
 from via_core.devices import load_device
 from via_core.signals import Signals
 from via_gap.candidates.fit import Fit
@@ -18,7 +19,7 @@ from via_gap.selection.comparison import candidates_of
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.plausibility import absurd
 from via_gap.selection.search import PREDICTED, Search
-from via_gap.selection.verdict import Decision
+from via_gap.selection.verdict import Decision, relevant
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
@@ -152,3 +153,25 @@ def test_two_effects_whose_richer_forms_fit_best_are_tried_in_their_plainer_form
         frozenset({"asymmetric_viscous", "coulomb_friction"}),
         frozenset({"viscous_friction", "asymmetric_coulomb"}),
     }
+
+
+@pytest.mark.parametrize(("fitted", "sizes"), [(500.0, [0, 1]), (5000.0, [0])], ids=["helps fitted", "helps none"])
+def test_a_step_that_helps_fitted_segments_alone_is_followed(monkeypatch, fitted, sizes):
+    """A torque limit that only fitted recordings reach improves no held-out segment, but a pair with it may."""
+    before, after = (
+        replace(evaluated(np.full(20, held), *places), fitted=np.full(20, error))
+        for held, error, places in ((50.0, 5000.0, ()), (49.8, fitted, (PAYLOAD,)))
+    )
+    assert not relevant(after, before, before)
+    extended: list[int] = []
+    steps = [[after]]
+    for name, instead in (
+        ("_extended", lambda _self, fit: extended.append(len(fit.effects))),
+        ("_finished", lambda _self, _fits: []),
+        ("_evaluated", lambda _self, _fits, _models: steps.pop() if steps else []),
+        ("_beside", lambda self, _fit: self),
+    ):
+        monkeypatch.setattr(Search, name, instead)
+    search = Search(None, None, None, None, before, before.fit, np.empty(0), [], None)
+    search.run(lambda _what, _share: None)
+    assert extended == sizes

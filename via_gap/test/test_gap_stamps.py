@@ -1,16 +1,18 @@
 """Commands that depend on the measured angle distinguish a late stamp of the angle from a late command."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from gap_logs import rigid
+from gap_logs import flexible, log_of, positioned, rigid
 from via_core.signals import Array, Signals
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.logs.log import JointLog
 from via_gap.selection.evidence import Evaluation
-from via_gap.sensors.stamps import LATE_ANGLE, LATE_COMMAND, separate_delays, stamped_late
+from via_gap.selection.verdict import Decision
+from via_gap.sensors.stamps import LATE_ANGLE, LATE_COMMAND, separate_delays, stamped_late, with_late_angle
 
 SUBSTEPS = 20
 DRY = Location("coulomb_friction", "link", 0)
@@ -137,3 +139,44 @@ def test_what_the_drive_rules_out_is_no_cause_alone_nor_beside_another(log, righ
 def test_without_a_delay_nothing_is_asked():
     models = [evaluation(DRY, loss=1.0)]
     assert separate_delays([late_angle()], models) == (models, [])
+
+
+def with_delay(delay: float, name: str = "actuator_delay") -> Evaluation:
+    place = LATE_COMMAND if name == "actuator_delay" else DRY
+    effect = place.effect({"delay": delay} if place == LATE_COMMAND else {"torque": 0.1})
+    some: Array = np.ones(4)
+    return Evaluation(Fit((effect,), np.zeros(1), 1.0, some, np.zeros((1, 1))), some, some, 1)
+
+
+def late(delay: float = 0.01) -> Decision:
+    """A decision for a late command, with friction as the other cause."""
+    models = (with_delay(delay), with_delay(0.0, "friction"))
+    shares = ((LATE_COMMAND, 0.7), (DRY, 0.4))
+    return Decision("effect", models[0], 1.0, shares, models, (LATE_COMMAND,))
+
+
+def link_alone(log: JointLog) -> JointLog:
+    return replace(log, measured=Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"}))
+
+
+def test_where_only_the_link_is_measured_a_late_angle_is_tied_with_a_late_command():
+    both = log_of(flexible(), (), seed=1, duration=1.0)
+    found = with_late_angle(late(), link_alone(both))
+    assert found.shares == ((DRY, 0.4), (LATE_COMMAND, 0.35), (LATE_ANGLE, 0.35))
+    assert found.equivalent == (LATE_COMMAND, LATE_ANGLE) and found.named == (LATE_COMMAND,)
+    assert [each.fit.locations[0] for each in found.models] == [DRY, LATE_COMMAND, LATE_ANGLE]
+    assert found.models[2].fit.effects[0].parameters == {"delay": 0.01}
+    positioned_log = replace(link_alone(both), device=positioned())
+    assert LATE_ANGLE in with_late_angle(late(), positioned_log).equivalent
+
+
+def test_a_late_angle_is_not_added_where_something_separates_it():
+    """Another measured angle, the drive of a rigid joint, a delay longer than stamps are late, no late command."""
+    both = log_of(flexible(), (), seed=1, duration=1.0)
+    dry = Decision("effect", with_delay(0.0, "friction"), 1.0, ((DRY, 1.0),), late().models[1:], (DRY,))
+    for decision, log in (
+        (late(), both), (late(), replace(link_alone(both), device=rigid())), (late(0.08), link_alone(both)),
+        (dry, link_alone(both)),
+    ):  # fmt: skip
+        assert with_late_angle(decision, log).shares == decision.shares
+        assert LATE_ANGLE not in with_late_angle(decision, log).equivalent

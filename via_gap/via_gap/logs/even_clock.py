@@ -10,9 +10,9 @@ known, is sought in what a smooth motion over n leaves of the angle, H q, by lea
 
     H q = c H (v d)         c = 1: samples were taken when they were stamped;  c = 0: on the even clock
 
-If samples are late by chance and stamps are wrong besides, c is between: the share of the first in <d^2>. So t_n + c d_n
-is the best estimate of the times. It is used if c is below 1 by two standard errors or more, which come from parts of
-the log left out in turn.
+If samples are late by chance and stamps are wrong besides, c is the share of the first in <d^2>, and t_n + c d_n is the
+best estimate of the times. It is used if c is known to a quarter, and below 1 by two standard errors or more. They come
+from parts of the log left out in turn.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from via_gap.logs.noise import sample_numbers
 SMOOTHED = 25.0  # samples, standard deviation of the Gaussian: errors of single stamps count a ninth
 WINDOW, DEGREE = 7, 4  # samples and degree of the polynomials that a smooth motion follows
 PARTS = 10  # of a log, left out in turn
+KNOWN = 0.25  # standard error of c: a larger one shows nothing
 ERRORS = 2.0  # standard errors
 
 
@@ -45,7 +46,7 @@ def evened(log: JointLog) -> JointLog:
     late = (stamps - even) / float(np.median(np.diff(even)))
     share, error = share_in(log.measured["q"], sample_numbers(stamps), late)
     time = even + max(share, 0.0) * (stamps - even)
-    if not share + ERRORS * error < 1.0 or np.any(np.diff(time) <= 0.0):
+    if error > KNOWN or share + ERRORS * error >= 1.0 or np.any(np.diff(time) <= 0.0):
         return log
     commands = log.commands
     if commands is not None and np.isin(commands.time, stamps).all():
@@ -62,9 +63,9 @@ def even_times(time: Array) -> Array:
 
 
 def share_in(angle: Array, number: Array, late: Array) -> tuple[float, float]:
-    """Share c of the errors `late` (N,) [samples] of stamps in angles (N,) of samples `number` (N,), and its standard error.
+    """Share c of `late` (N,) [samples], stamps less even clock, in angles (N,) of samples `number` (N,); its error.
 
-    Infinite where no motion shows it.
+    Angles that are not finite are left out. The standard error is infinite where no motion shows the share.
     """
     if len(angle) < WINDOW * PARTS:
         return 0.0, np.inf

@@ -1,0 +1,112 @@
+"""Inverse dynamics is asked where simulation names no cause, and answers only if simulation agrees."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of, positioned, rigid
+from via_core.signals import Signals
+from via_gap import diagnosis
+from via_gap.candidates.fit import Fit
+from via_gap.diagnosis import diagnose
+from via_gap.logs.log import JointLog
+from via_gap.residual.recordings import Recordings
+from via_gap.selection.comparison import ModelComparison, compare_models
+from via_gap.selection.experiment import Experiment
+from via_gap.selection.second_view import second_view, upheld
+from via_gap.selection.verdict import Decision
+from via_sim.effects import Effect
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import simulate
+
+DRY = Effect("coulomb_friction", "link", {"torque": 0.03})
+
+
+def experiment_of(log):
+    return Experiment.of(Recordings.of([log], None, log.device).fitted, ())
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return experiment_of(log_of(rigid(), (DRY,), seed=1))
+
+
+def with_position_drive():
+    device, rate = positioned(), 500.0
+    time = np.arange(6000) / rate
+    sent = {"equilibrium": 0.5 * np.sin(1.3 * time) + 0.3 * np.sin(3.1 * time)}
+    commands = Signals(time, sent, {"equilibrium": "rad"}, frozenset(sent))
+    plant = JointPlant.from_device(device).with_effects((DRY,))
+    measured = simulate(plant, commands, time[-1], rate, Sensors.of_device(device)).measured
+    return JointLog("log", device, measured.select(["q"]), commands)
+
+
+def decision(experiment, verdict, *effects):
+    """A decision with the device parameters of the tuned device and some effects."""
+    fit = replace(experiment.tuned.fit, effects=effects)
+    return Decision(verdict, replace(experiment.tuned, fit=fit), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "asked"),
+    [("cannot_tell", True), ("unknown", True), ("no_gap", False), ("effect", False), ("main_effect", False)],
+)
+def test_torques_are_asked_only_where_simulation_names_nothing(simulated, verdict, asked):
+    torques = second_view(simulated, decision(simulated, verdict))
+    assert (torques is not None) == asked
+    if torques is not None:
+        assert torques.by_equations and second_view(torques, decision(torques, verdict)) is None
+
+
+def test_there_is_no_second_view_without_an_equation_or_with_a_control_loop():
+    both = log_of(flexible(), (DRY,), seed=1)
+    link = replace(both, measured=Signals(both.measured.time, {"q": both.measured["q"]}, {"q": "rad"}))
+    for log in (link, with_position_drive()):
+        experiment = experiment_of(log)
+        assert second_view(experiment, decision(experiment, "cannot_tell")) is None
+
+
+def test_the_answer_stands_only_if_its_repair_lowers_the_simulated_error(simulated):
+    first, torques = decision(simulated, "cannot_tell"), second_view(simulated, decision(simulated, "cannot_tell"))
+    right, wrong = (replace(DRY, parameters={"torque": torque}) for torque in (0.03, 0.2))
+    assert upheld(simulated, first, decision(torques, "main_effect", right))
+    assert not upheld(simulated, first, decision(torques, "main_effect", wrong))
+    assert not upheld(simulated, first, decision(torques, "cannot_tell"))
+
+
+def test_only_an_effect_that_explains_everything_stands_where_the_cause_is_unknown(simulated):
+    first, torques = decision(simulated, "unknown"), second_view(simulated, decision(simulated, "unknown"))
+    assert upheld(simulated, first, decision(torques, "effect", DRY))
+    assert upheld(simulated, first, decision(torques, "several_effects", DRY))
+    assert not upheld(simulated, first, decision(torques, "main_effect", DRY))
+
+
+def test_a_diagnosis_whose_simulation_finds_no_model_asks_the_torques(monkeypatch):
+    """Without a model compared by simulation, inverse dynamics names the cause; otherwise it is not asked."""
+    asked: list[str] = []
+
+    def blind(experiment, candidates, progress):
+        asked.append(experiment.by)
+        if experiment.by_equations:
+            return compare_models(experiment, candidates, progress)
+        return ModelComparison(experiment, candidates, [])
+
+    log = log_of(rigid(), (DRY,), seed=1)
+    shares = []
+    monkeypatch.setattr(diagnosis, "compare_models", blind)
+    report = diagnose([log], log.device, progress=lambda _what, share: shares.append(share))
+    assert asked == ["segments", "inverse dynamics"] and shares == sorted(shares)
+    assert [each.effect for each in report.effects] == ["coulomb_friction"] and report.gap.by == "inverse dynamics"
+    assert report.causes[0].parameters["torque"].value == pytest.approx(0.03, rel=0.05)
+    monkeypatch.undo()
+    assert diagnose([log], log.device).gap.by == "segments"
+
+
+def test_a_fit_by_torques_has_its_simulated_residual_of_its_own(simulated):
+    """Both views have residuals of other shapes: the fit is simulated anew."""
+    torques = second_view(simulated, decision(simulated, "cannot_tell"))
+    other: Fit = torques.tuned.fit
+    assert other.residual.shape != simulated.tuned.fit.residual.shape
+    assert np.isfinite(simulated.tuned.on_all.score)
+    assert upheld(simulated, decision(simulated, "cannot_tell"), decision(torques, "effect", DRY))
