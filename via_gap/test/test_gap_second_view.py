@@ -72,7 +72,8 @@ def test_the_answer_stands_only_if_its_repair_lowers_the_simulated_error(simulat
     right, wrong = (replace(DRY, parameters={"torque": torque}) for torque in (0.03, 0.2))
     assert upheld(simulated, first, decision(torques, "main_effect", right))
     assert not upheld(simulated, first, decision(torques, "main_effect", wrong))
-    assert not upheld(simulated, first, decision(torques, "cannot_tell"))
+    worse = replace(simulated, tuned=simulated.nominal)  # device parameters alone are no answer
+    assert not upheld(worse, first, decision(simulated, "cannot_tell"))
 
 
 def test_only_an_effect_that_explains_everything_stands_where_the_cause_is_unknown(simulated):

@@ -20,9 +20,7 @@ from via_gap.selection.verdict import UNNAMED, Decision
 
 def second_view(experiment: Experiment, decision: Decision) -> Experiment | None:
     """The experiment by inverse dynamics, if simulation names no cause; None if it does, or there is no equation."""
-    if decision.verdict not in UNNAMED or experiment.by_equations:
-        return None
-    return experiment.compared_by_equations()
+    return experiment.compared_by_equations() if decision.verdict in UNNAMED else None
 
 
 def upheld(experiment: Experiment, first: Decision, other: Decision) -> bool:
