@@ -134,7 +134,7 @@ class Experiment:
     def compared_by_equations(self) -> Experiment | None:
         """The same compared by inverse dynamics alone.
 
-        None if it is already, if no equation can be evaluated, or no model predicts the torque of the drive. Neither for
+        None if it is already, no equation can be evaluated, or no model predicts the torque of the drive. Neither for
         a drive with a control loop: as part of the model it makes up for missing torque.
         """
         if self.other_view is None or self.folds is not None or self.evaluated.device.drive != "torque":
