@@ -6,10 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, positioned, rigid
+from gap_models import scales
 from via_core.signals import Array, Signals
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.logs.log import JointLog
+from via_gap.report.causes import compared_causes
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.verdict import Decision
 from via_gap.sensors.stamps import LATE_ANGLE, LATE_COMMAND, separate_delays, stamped_late, with_late_angle
@@ -159,15 +161,45 @@ def link_alone(log: JointLog) -> JointLog:
     return replace(log, measured=Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"}))
 
 
-def test_where_only_the_link_is_measured_a_late_angle_is_tied_with_a_late_command():
+def test_where_only_the_link_is_measured_a_late_angle_is_the_twin_of_a_late_command():
     both = log_of(flexible(), (), seed=1, duration=1.0)
     found = with_late_angle(late(), link_alone(both))
-    assert found.shares == ((DRY, 0.4), (LATE_COMMAND, 0.35), (LATE_ANGLE, 0.35))
+    assert found.shares == ((LATE_COMMAND, 0.7), (LATE_ANGLE, 0.7), (DRY, 0.4))
     assert found.equivalent == (LATE_COMMAND, LATE_ANGLE) and found.named == (LATE_COMMAND,)
-    assert [each.fit.locations[0] for each in found.models] == [DRY, LATE_COMMAND, LATE_ANGLE]
-    assert found.models[2].fit.effects[0].parameters == {"delay": 0.01}
+    assert [each.fit.locations[0] for each in found.models] == [LATE_COMMAND, LATE_ANGLE, DRY]
+    assert found.models[1].fit.effects[0].parameters == {"delay": 0.01}
+    assert [found.alone(cause) for cause, _ in found.shares] == [0.5, 0.5, 1.0]
     positioned_log = replace(link_alone(both), device=positioned())
     assert LATE_ANGLE in with_late_angle(late(), positioned_log).equivalent
+
+
+def test_twins_have_one_probability_and_one_part_of_the_error_together():
+    found = with_late_angle(late(), link_alone(log_of(flexible(), (), seed=1, duration=1.0)))
+    fit = found.chosen.fit
+    named = replace(found.chosen, fit=replace(fit, effects=(*fit.effects, DRY.effect({"torque": 0.1}))))
+    several = replace(found, chosen=named, without=(4.0, 25.0))
+    assert several.part(LATE_ANGLE) == several.part(LATE_COMMAND) == pytest.approx(0.4)
+    causes = compared_causes(flexible(), found, scales(), found.chosen)
+    assert [each.effect for each in causes] == ["actuator_delay", "channel_skew", "coulomb_friction"]
+    command, angle, dry = causes
+    assert command.probability == angle.probability and command.share == angle.share == 0.7
+    assert (command.probability + angle.probability) / dry.probability == pytest.approx(0.7 / 0.4)
+
+
+@pytest.mark.parametrize("channel", ["external_torque", "neighbour", "arm_torque"])
+def test_what_acts_in_time_separates_a_late_angle_from_a_late_command(channel):
+    log = link_alone(log_of(flexible(), (), seed=1, duration=1.0))
+    count = len(log.commands.time)
+
+    def beside(values):
+        other = Signals(log.commands.time, {channel: values}, {channel: "N m"}, frozenset({channel}))
+        return replace(log, commands=log.commands.joined(other))
+
+    assert not with_late_angle(late(), beside(np.sin(np.arange(count)))).twins
+    assert with_late_angle(late(), beside(np.zeros(count))).twins
+    driven = replace(log, device=positioned(), measured=log.measured.joined(
+        Signals(log.measured.time, {"tau": np.ones((len(log.measured), 1))}, {"tau": "N m"})))  # fmt: skip
+    assert not with_late_angle(late(), driven).twins
 
 
 def test_a_late_angle_is_not_added_where_something_separates_it():
@@ -178,5 +210,4 @@ def test_a_late_angle_is_not_added_where_something_separates_it():
         (late(), both), (late(), replace(link_alone(both), device=rigid())), (late(0.08), link_alone(both)),
         (dry, link_alone(both)),
     ):  # fmt: skip
-        assert with_late_angle(decision, log).shares == decision.shares
-        assert LATE_ANGLE not in with_late_angle(decision, log).equivalent
+        assert with_late_angle(decision, log) is decision

@@ -103,7 +103,7 @@ def _weights(decision: Decision, sensors: Sequence[Cause]) -> Weights:
     """
     weights: Weights = defaultdict(float)
     for location, share in decision.shares if decision.named else ():
-        weights[location.site, location.motor] += share * decision.part(location)
+        weights[location.site, location.motor] += share * decision.alone(location) * decision.part(location)
     for cause in sensors:
         weights[cause.site, cause.motor] += 1.0
     return weights

@@ -33,7 +33,13 @@ def compared_causes(device: Device, decision: Decision, scales: Scales, tuned: E
         for location, left in zip(decision.named, decision.without, strict=False)  # one effect has no `without`
     }
     return tuple(
-        cause.model_copy(update={"share": share, "probability": trust * share, "without": without.get(location)})
+        cause.model_copy(
+            update={
+                "share": share,
+                "probability": trust * share * decision.alone(location),
+                "without": without.get(location),
+            }
+        )
         for cause, (location, share, _) in zip(causes, compared, strict=True)
     )
 

@@ -37,7 +37,7 @@ def evidence_figures(comparison: ModelComparison, decision: Decision, by: By) ->
         traces=trace_figures(intervals, LONGEST[by]),
         trials=trial_figures(models, experiment.tuned),
         screened=screened_members(candidates.locations, models) if models else (),
-        untried=untried_effects(candidates.locations),
+        untried=untried_effects((*candidates.locations, *decision.twins)),
     )
 
 

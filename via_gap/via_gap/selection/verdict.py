@@ -69,6 +69,7 @@ class Decision:
     transfer    share of the squared error that it leaves in motion to which it was not fitted (transfer.py)
     halves      fits to the halves of the motion between which it transfers worst
     rivals      models that were fitted for this decision, in addition to those of the search
+    twins       two causes that no such log separates: the share of each is that of both together
     """
 
     verdict: Verdict
@@ -83,6 +84,7 @@ class Decision:
     transfer: Mapping[str, float] = field(default_factory=dict)
     halves: tuple[Fit, ...] = ()
     rivals: tuple[Evaluation, ...] = ()
+    twins: Locations = ()
 
     @property
     def named(self) -> Locations:
@@ -91,9 +93,14 @@ class Decision:
     def part(self, location: Location) -> float:
         """Error that a named effect explains beside the others, in root mean square over the mean of all; else 1."""
         gains = [max(float(np.sqrt(left)) - self.chosen.rms, 0.0) for left in self.without]
-        if location not in self.named or not any(gains):
+        known = self.twins[0] if location in self.twins else location
+        if known not in self.named or not any(gains):
             return 1.0
-        return gains[self.named.index(location)] / float(np.mean(gains))
+        return gains[self.named.index(known)] / float(np.mean(gains))
+
+    def alone(self, location: Location) -> float:
+        """The part of its share that a cause has for itself."""
+        return 1.0 / len(self.twins) if location in self.twins else 1.0
 
     def refuted(self, tuned: Evaluation, why: str) -> Decision:
         """The decision that names nothing, for the reason `why`."""

@@ -35,6 +35,7 @@ from via_gap.selection.verdict import Decision
 
 LATE_COMMAND = Location("actuator_delay", "command", 0)
 LATE_ANGLE = Location("channel_skew", "timing", 0)
+IN_TIME = ("external_torque", "arm_torque", "neighbour")  # channels that act without the delay of the drive
 DIFFERENCES = 3
 LAGS = range(9)  # samples that a controller uses: it filters the speed
 WINDOW, DEGREE = 13, 5  # samples and degree of the polynomial
@@ -83,28 +84,27 @@ def separate_delays(logs: Sequence[JointLog], models: Sequence[Evaluation]) -> t
 
 
 def with_late_angle(decision: Decision, log: JointLog) -> Decision:
-    """The decision with a late angle beside a late command, if the link's angle is all that was measured.
+    """The decision with a late angle as twin of a late command, if the log cannot separate them.
 
-    Both give the same record whatever else acts, so that no log can separate them, and each has half of the share. As a
-    candidate of its own, the late angle would only make every model with a late command uncertain.
+    With the link's angle alone and commands that all act late, both give the same record. As a candidate, a late angle
+    would only make every model with a late command uncertain.
     """
     controlled = log.device.n_motors > 0 or log.device.drive == "position"
-    if not controlled or any(log.motors_seen):
+    of_loop = log.device.drive == "position" and log.torque_seen  # the drive's torque contains the angle in time
+    sent = log.commands.channels if log.commands is not None else {}
+    others = any(np.ptp(sent[name]) > 0.0 for name in IN_TIME if name in sent)
+    late = [model for (cause, _), model in zip(decision.shares, decision.models, strict=True) if cause == LATE_COMMAND]
+    if not controlled or any(log.motors_seen) or of_loop or others or not late or _delay(late[0]) > MAX_SKEW:
         return decision
-    shares: list[tuple[Location, float]] = []
-    models: list[Evaluation] = []
-    for (cause, share), model in zip(decision.shares, decision.models, strict=True):
-        if cause == LATE_COMMAND and _delay(model) <= MAX_SKEW:
-            shares += [(LATE_COMMAND, 0.5 * share), (LATE_ANGLE, 0.5 * share)]
-            models += [model, *_renamed([model], LATE_COMMAND, LATE_ANGLE)]
-        else:
-            shares.append((cause, share))
-            models.append(model)
-    also = (LATE_ANGLE,) if LATE_COMMAND in decision.equivalent and len(shares) > len(decision.shares) else ()
-    order = sorted(range(len(shares)), key=lambda i: -shares[i][1])
+    number = [cause for cause, _ in decision.shares].index(LATE_COMMAND) + 1
+    (twin,) = _renamed(late, LATE_COMMAND, LATE_ANGLE)
+    shares, models = list(decision.shares), list(decision.models)
+    shares.insert(number, (LATE_ANGLE, shares[number - 1][1]))
+    models.insert(number, twin)
+    also = (LATE_ANGLE,) if LATE_COMMAND in decision.equivalent else ()
     return replace(
-        decision, shares=tuple(shares[i] for i in order), models=tuple(models[i] for i in order),
-        equivalent=(*decision.equivalent, *also),
+        decision, shares=tuple(shares), models=tuple(models), equivalent=(*decision.equivalent, *also),
+        twins=(LATE_COMMAND, LATE_ANGLE),
     )  # fmt: skip
 
 
