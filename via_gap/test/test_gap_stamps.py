@@ -186,7 +186,7 @@ def test_twins_have_one_probability_and_one_part_of_the_error_together():
     assert (command.probability + angle.probability) / dry.probability == pytest.approx(0.7 / 0.4)
 
 
-@pytest.mark.parametrize("channel", ["external_torque", "neighbour", "arm_torque"])
+@pytest.mark.parametrize("channel", ["external_torque", "arm_torque", "neighbour"])
 def test_what_acts_in_time_separates_a_late_angle_from_a_late_command(channel):
     log = link_alone(log_of(flexible(), (), seed=1, duration=1.0))
     count = len(log.commands.time)
@@ -195,7 +195,13 @@ def test_what_acts_in_time_separates_a_late_angle_from_a_late_command(channel):
         other = Signals(log.commands.time, {channel: values}, {channel: "N m"}, frozenset({channel}))
         return replace(log, commands=log.commands.joined(other))
 
-    assert not with_late_angle(late(), beside(np.sin(np.arange(count)))).twins
+    decision = late()
+    if channel == "neighbour":  # acts through a coupling only
+        assert with_late_angle(decision, beside(np.sin(np.arange(count)))).twins
+        fit = decision.chosen.fit
+        coupled = Location("joint_coupling", "link", 0).effect({"stiffness": 1.0})
+        decision = replace(decision, chosen=replace(decision.chosen, fit=replace(fit, effects=(*fit.effects, coupled))))
+    assert not with_late_angle(decision, beside(np.sin(np.arange(count)))).twins
     assert with_late_angle(late(), beside(np.zeros(count))).twins
     driven = replace(log, device=positioned(), measured=log.measured.joined(
         Signals(log.measured.time, {"tau": np.ones((len(log.measured), 1))}, {"tau": "N m"})))  # fmt: skip

@@ -35,7 +35,7 @@ from via_gap.selection.verdict import Decision
 
 LATE_COMMAND = Location("actuator_delay", "command", 0)
 LATE_ANGLE = Location("channel_skew", "timing", 0)
-IN_TIME = ("external_torque", "arm_torque", "neighbour")  # channels that act without the delay of the drive
+IN_TIME = ("external_torque", "arm_torque")  # channels that act without the delay of the drive
 DIFFERENCES = 3
 LAGS = range(9)  # samples that a controller uses: it filters the speed
 WINDOW, DEGREE = 13, 5  # samples and degree of the polynomial
@@ -92,7 +92,8 @@ def with_late_angle(decision: Decision, log: JointLog) -> Decision:
     controlled = log.device.n_motors > 0 or log.device.drive == "position"
     of_loop = log.device.drive == "position" and log.torque_seen  # the drive's torque contains the angle in time
     sent = log.commands.channels if log.commands is not None else {}
-    others = any(np.ptp(sent[name]) > 0.0 for name in IN_TIME if name in sent)
+    named = {each.kind.channel for each in decision.named} - {""}  # a neighbour acts only through a coupling
+    others = any(np.ptp(sent[name]) > 0.0 for name in (*IN_TIME, *named) if name in sent)
     late = [model for (cause, _), model in zip(decision.shares, decision.models, strict=True) if cause == LATE_COMMAND]
     if not controlled or any(log.motors_seen) or of_loop or others or not late or _delay(late[0]) > MAX_SKEW:
         return decision
