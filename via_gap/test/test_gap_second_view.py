@@ -87,7 +87,7 @@ def test_a_diagnosis_whose_simulation_finds_no_model_asks_the_torques(monkeypatc
     """Without a model compared by simulation, inverse dynamics names the cause; otherwise it is not asked."""
     asked: list[str] = []
 
-    def blind(experiment, candidates, progress):
+    def without_simulation(experiment, candidates, progress):
         asked.append(experiment.by)
         if experiment.by_equations:
             return compare_models(experiment, candidates, progress)
@@ -95,7 +95,7 @@ def test_a_diagnosis_whose_simulation_finds_no_model_asks_the_torques(monkeypatc
 
     log = log_of(rigid(), (DRY,), seed=1)
     shares = []
-    monkeypatch.setattr(diagnosis, "compare_models", blind)
+    monkeypatch.setattr(diagnosis, "compare_models", without_simulation)
     report = diagnose([log], log.device, progress=lambda _what, share: shares.append(share))
     assert asked == ["segments", "inverse dynamics"] and shares == sorted(shares)
     assert [each.effect for each in report.effects] == ["coulomb_friction"] and report.gap.by == "inverse dynamics"

@@ -83,9 +83,11 @@ def share_in(angle: Array, stamps: Array, known: Mask) -> tuple[float, float]:
     """
     if len(angle) < WINDOW * PARTS:
         return 0.0, np.inf
-    q, d, there = (sliding_window_view(each, WINDOW) for each in (angle, stamps, known & np.isfinite(angle)))
+    there = sliding_window_view(known & np.isfinite(angle), WINDOW).all(axis=1)
     place = np.arange(WINDOW) - WINDOW // 2
-    q, d = q[there.all(axis=1)], (d - d[:, [WINDOW // 2]] - place)[there.all(axis=1)]  # H removes any line
+    q = sliding_window_view(angle, WINDOW)[there]
+    line = stamps - np.arange(len(stamps))  # of numbers; H removes any other line from it
+    d = (sliding_window_view(line, WINDOW) - line[WINDOW // 2 : len(line) - WINDOW // 2, None])[there]
     rough = np.eye(WINDOW)[WINDOW // 2] - savgol_coeffs(WINDOW, DEGREE, use="dot")
     one, other = (np.where(place % 2 == odd, place, 0) / np.sum(place[place % 2 == odd] ** 2) for odd in (0, 1))
     left, first, second = q @ rough, ((q @ one)[:, None] * d) @ rough, ((q @ other)[:, None] * d) @ rough
