@@ -41,14 +41,14 @@ def rms(values):
 
 def improvement(times, log):
     """Error of the times after `evened` over that of the stamps."""
-    return rms(evened(log).measured.time - times) / rms(log.measured.time - times)
+    return rms(evened(log, NOISE).measured.time - times) / rms(log.measured.time - times)
 
 
 @pytest.mark.parametrize(("lost", "drift"), [(0.0, 0.0), (0.05, 0.0), (0.0, 0.01)])
 def test_stamps_of_even_samples_are_corrected(lost, drift):
     """Also with lost samples, and with a clock that drifts."""
     times, log = recorded(0.0, 2e-4, lost=lost, drift=drift)
-    even = evened(log)
+    even = evened(log, NOISE)
     assert improvement(times, log) < (0.4 if lost == 0.0 else 0.8)
     assert even.restamped == pytest.approx(2e-4, rel=0.1)
     assert np.array_equal(even.measured["q"], log.measured["q"])
@@ -73,7 +73,7 @@ def test_a_stall_that_ends_in_a_burst_does_not_spoil_its_neighbours(stall):
     for begin in (1000, 3000):
         buffered = slice(begin, begin + stall)
         stamps[buffered] = stamps[begin + stall] - 1e-4 * np.arange(stall, 0, -1)
-    even = evened(log_with(times, stamps))
+    even = evened(log_with(times, stamps), NOISE)
     outside = np.abs(stamps - times) < 0.3 * PERIOD
     assert rms((even.measured.time - times)[outside]) < 0.5 * rms((stamps - times)[outside])
     assert np.array_equal(even.measured.time[~outside], stamps[~outside])
@@ -88,7 +88,7 @@ def test_pauses_and_a_wrong_first_stamp_stay_where_they_are():
     log = log_with(times, stamps)
     assert improvement(times, log) < 0.7
     first = slice(1, 30)
-    assert rms((evened(log).measured.time - times)[first]) < 1.2 * rms((stamps - times)[first])
+    assert rms((evened(log, NOISE).measured.time - times)[first]) < 1.2 * rms((stamps - times)[first])
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.02, 0.05, 0.1])
@@ -106,22 +106,22 @@ def test_real_unevenness_of_any_kind_is_kept(real, wrong):
     if wrong > 0.0:
         assert improvement(times, log) <= 1.0
     else:
-        assert evened(log) is log
+        assert evened(log, NOISE) is log
 
 
 def test_right_stamps_are_kept():
     """Also where the noise of each speed is three times the speed itself, in long logs."""
-    kept = [evened(log) is log for log in (recorded(2e-4, 0.0, seed)[1] for seed in range(40))]
+    kept = [evened(log, NOISE) is log for log in (recorded(2e-4, 0.0, seed)[1] for seed in range(40))]
     assert sum(kept) >= 36
     slow = [recorded(4e-4, 0.0, seed, count=100_000, speed=2e-3)[1] for seed in range(5)]
-    assert all(evened(log) is log for log in slow)
+    assert all(evened(log, NOISE) is log for log in slow)
 
 
 def test_samples_that_are_late_with_stamps_that_are_wrong_are_best_known_between_both():
     times, log = recorded(3e-4, 2e-4)
     stamps = log.measured.time
     on_line = stamps - unevenness(stamps)[0]
-    best = rms(evened(log).measured.time - times)
+    best = rms(evened(log, NOISE).measured.time - times)
     assert best < 0.9 * rms(stamps - times) and best < 0.7 * rms(on_line - times)
     assert best == pytest.approx(2e-4 * 3e-4 / np.hypot(2e-4, 3e-4), rel=0.1)  # of the best linear estimate
 
@@ -149,13 +149,13 @@ def test_what_shows_nothing_keeps_its_stamps():
         recorded(0.0, 2e-4, speed=0.0)[1], recorded(0.0, 2e-4, speed=1e-3)[1],
         recorded(0.0, 2e-4, count=60)[1], recorded(0.0, 0.0)[1], log_of(rigid(), (), seed=1),
     ):  # fmt: skip
-        assert evened(log) is log
+        assert evened(log, NOISE) is log
 
 
 def test_a_slow_joint_shows_nothing_by_chance():
     """Shares of its noise are large, of either sign, and a few of two hundred lie below 1 by two standard errors."""
     logs = [recorded(0.0, 2e-4, seed, count=500, speed=1e-3)[1] for seed in range(200)]
-    assert all(evened(log) is log for log in logs)
+    assert all(evened(log, NOISE) is log for log in logs)
 
 
 def test_missing_angles_and_commands_with_stamps_of_their_own():
@@ -164,7 +164,7 @@ def test_missing_angles_and_commands_with_stamps_of_their_own():
     angle[::50] = np.nan
     sent = Signals(times[::2] + 1e-3, {"external_torque": np.zeros(2500)}, {"external_torque": "N m"})
     log = replace(log, measured=Signals(log.measured.time, {"q": angle}, {"q": "rad"}), commands=sent)
-    even = evened(log)
+    even = evened(log, NOISE)
     assert improvement(times, log) < 0.4
     assert even.commands is sent
 

@@ -37,8 +37,10 @@ KNOWN = 0.25  # standard error of c: a larger one shows nothing
 ERRORS = 2.0  # standard errors
 
 
-def evened(log: JointLog) -> JointLog:
+def evened(log: JointLog, noise: float) -> JointLog:
     """The log with the times that its angle shows, if its stamps are wrong; otherwise as it is.
+
+    noise  [rad] of the link's angle; stamps that disturb the angle by less stay
 
     Commands with the stamps of the samples move with them.
     """
@@ -48,11 +50,20 @@ def evened(log: JointLog) -> JointLog:
     time = stamps - (1.0 - max(share, 0.0)) * late
     if error > KNOWN or share + ERRORS * error >= 1.0 or np.any(np.diff(time) <= 0.0):
         return log
+    wrong = float(np.sqrt(np.mean((stamps - time)[known] ** 2)))
+    if wrong * typical_speed(log) <= noise:
+        return log
     commands = log.commands
     if commands is not None and np.isin(commands.time, stamps).all():
         commands = replace(commands, time=np.interp(commands.time, stamps, time))
-    wrong = float(np.sqrt(np.mean((stamps - time)[known] ** 2)))
     return replace(log, measured=replace(log.measured, time=time), commands=commands, restamped=wrong)
+
+
+def typical_speed(log: JointLog) -> float:
+    """[rad/s] of the link: the median of its faster half, where stamps matter."""
+    there = np.isfinite(log.measured["q"])
+    speed = np.gradient(log.measured["q"][there], log.measured.time[there])
+    return float(np.sqrt(np.quantile(speed**2, 0.75)))
 
 
 def period_of(time: Array) -> float:

@@ -16,7 +16,7 @@ from scipy.signal import savgol_filter
 from via_core.signals import Array, Indices, Mask
 
 from via_gap.logs.angle_torque import left_by_angles
-from via_gap.logs.even_clock import evened
+from via_gap.logs.even_clock import evened, typical_speed
 from via_gap.logs.findings import Finding, Severity, worst_first
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import STANDARD_ERRORS, LogNoise, log_noise
@@ -67,8 +67,9 @@ class _Found(NamedTuple):
 
 def assessed(log: JointLog) -> Quality:
     """Quality of a log with the noise that is measured in it; with corrected stamps, if they are wrong."""
-    even = evened(log)
-    return assess(even, log_noise(even))
+    noise = log_noise(log)
+    even = evened(log, noise.channels["q"].sd)
+    return assess(even, noise if even is log else log_noise(even))
 
 
 def assess(log: JointLog, noise: LogNoise) -> Quality:
@@ -191,9 +192,7 @@ def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         yield _Found(log.finding("clock", "time", "note", 1e3 * log.restamped, text))
     if jitter <= 0.0:
         return
-    there = np.isfinite(log.measured["q"])
-    speed = np.gradient(log.measured["q"][there], log.measured.time[there])
-    typical = float(np.sqrt(np.quantile(speed**2, 0.75)))  # median of the faster half, where jitter matters
+    typical = typical_speed(log)
     ratio = jitter * typical / own.sd
     if ratio < 1.0 / STANDARD_ERRORS:  # less than a tenth of the variance
         return
