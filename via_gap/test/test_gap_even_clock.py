@@ -152,6 +152,13 @@ def test_what_shows_nothing_keeps_its_stamps():
         assert evened(log, NOISE) is log
 
 
+def test_stamps_that_disturb_the_angle_by_less_than_its_noise_stay():
+    """At 2.4 rad/s, .2 ms are .0005 rad."""
+    log = recorded(0.0, 2e-4)[1]
+    assert evened(log, 3e-4) is not log
+    assert evened(log, 8e-4) is log
+
+
 def test_a_slow_joint_shows_nothing_by_chance():
     """Shares of its noise are large, of either sign, and a few of two hundred lie below 1 by two standard errors."""
     logs = [recorded(0.0, 2e-4, seed, count=500, speed=1e-3)[1] for seed in range(200)]
