@@ -7,7 +7,6 @@ import pytest
 from gap_logs import flexible, log_of, positioned, rigid
 from via_core.signals import Signals
 from via_gap import diagnosis
-from via_gap.candidates.fit import Fit
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.residual.recordings import Recordings
@@ -102,12 +101,3 @@ def test_a_diagnosis_whose_simulation_finds_no_model_asks_the_torques(monkeypatc
     assert report.causes[0].parameters["torque"].value == pytest.approx(0.03, rel=0.05)
     monkeypatch.undo()
     assert diagnose([log], log.device).gap.by == "segments"
-
-
-def test_a_fit_by_torques_has_its_simulated_residual_of_its_own(simulated):
-    """Both views have residuals of other shapes: the fit is simulated anew."""
-    torques = second_view(simulated, decision(simulated, "cannot_tell"))
-    other: Fit = torques.tuned.fit
-    assert other.residual.shape != simulated.tuned.fit.residual.shape
-    assert np.isfinite(simulated.tuned.on_all.score)
-    assert upheld(simulated, decision(simulated, "cannot_tell"), decision(torques, "effect", DRY))

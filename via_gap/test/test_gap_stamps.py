@@ -203,6 +203,7 @@ def test_what_acts_in_time_separates_a_late_angle_from_a_late_command(channel):
         decision = replace(decision, chosen=replace(decision.chosen, fit=replace(fit, effects=(*fit.effects, coupled))))
     assert not with_late_angle(decision, beside(np.sin(np.arange(count)))).twins
     assert with_late_angle(late(), beside(np.zeros(count))).twins
+    assert not with_late_angle(decision, beside(np.where(np.arange(count) % 2, np.nan, 0.1))).twins  # partly recorded
     driven = replace(log, device=positioned(), measured=log.measured.joined(
         Signals(log.measured.time, {"tau": np.ones((len(log.measured), 1))}, {"tau": "N m"})))  # fmt: skip
     assert not with_late_angle(late(), driven).twins

@@ -85,7 +85,7 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
             if site in ("sensor", "timing") and motor not in seen:
                 continue
             if site == "timing" and alone:
-                continue  # a late command gives the same record: sensors/stamps.py adds it there
+                continue  # a late command gives the same record: sensors/stamps.py adds the late angle
             found.append(Location(kind.name, site, motor))
     return tuple(found)
 

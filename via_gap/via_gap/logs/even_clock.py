@@ -31,9 +31,9 @@ from via_gap.logs.log import JointLog
 
 NEAR = 0.5  # period by which a step between neighbours differs from it at most
 WINDOW, DEGREE = 7, 4  # samples on a line, and degree of the polynomials that a smooth motion follows
-SPEED = 0.05  # relative error of v
+SPEED = 0.05  # relative error of v: samples .1 period off an even clock change it by 2 to 4 %
 PARTS = 10  # of a log, left out in turn
-KNOWN = 0.25  # standard error of c: a larger one shows nothing
+KNOWN = 0.25  # standard error of c at most: two of them are half of the way from 0 to 1
 ERRORS = 2.0  # standard errors
 
 

@@ -196,8 +196,9 @@ def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     ratio = jitter * typical / own.sd
     if ratio < 1.0 / STANDARD_ERRORS:  # less than a tenth of the variance
         return
+    are = "are still" if log.restamped > 0.0 else "are"
     text = (
-        f"time stamps are wrong by {1e3 * jitter:.2g} ms, at {typical:.2g} rad/s {ratio:.2g} times the noise of the "
+        f"time stamps {are} wrong by {1e3 * jitter:.2g} ms, at {typical:.2g} rad/s {ratio:.2g} times the noise of the "
         "link angle; it is added to the noise: stamp samples where they are measured"
     )
     yield _Found(log.finding("jitter", "time", "downgrade" if ratio > WORTH else "note", 1e3 * jitter, text))

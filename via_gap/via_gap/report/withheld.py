@@ -63,11 +63,9 @@ def compared_segments(
 
 
 def _cut(log: JointLog, as_diagnosed: bool) -> Segments:
-    """The segments of a log; as in a diagnosis, those where it cannot be used are invalid."""
-    if not as_diagnosed:
-        return cut_log(log)
+    """The segments of a log with corrected stamps; as in a diagnosis, those where it cannot be used are invalid."""
     quality = assessed(log)
-    return cut_log(quality.log, quality=quality)
+    return cut_log(quality.log, quality=quality if as_diagnosed else None)
 
 
 def _held(segments: Segments, held_out: Sequence[LogInterval]) -> Indices:

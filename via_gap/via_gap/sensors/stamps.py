@@ -93,7 +93,7 @@ def with_late_angle(decision: Decision, log: JointLog) -> Decision:
     of_loop = log.device.drive == "position" and log.torque_seen  # the drive's torque contains the angle in time
     sent = log.commands.channels if log.commands is not None else {}
     named = {each.kind.channel for each in decision.named} - {""}  # a neighbour acts only through a coupling
-    others = any(np.ptp(sent[name]) > 0.0 for name in (*IN_TIME, *named) if name in sent)
+    others = any(len(np.unique(sent[name])) > 1 for name in (*IN_TIME, *named) if name in sent)  # also with NaN
     late = [model for (cause, _), model in zip(decision.shares, decision.models, strict=True) if cause == LATE_COMMAND]
     if not controlled or any(log.motors_seen) or of_loop or others or not late or _delay(late[0]) > MAX_SKEW:
         return decision
