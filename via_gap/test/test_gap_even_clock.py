@@ -106,14 +106,24 @@ def test_real_unevenness_of_any_kind_is_kept(real, wrong):
     if wrong > 0.0:
         assert improvement(times, log) <= 1.0
     else:
-        assert evened(log, NOISE) is log
+        assert evened(log, 0.0) is log
 
 
 def test_right_stamps_are_kept():
     """Also where the noise of each speed is three times the speed itself, in long logs."""
-    assert all(evened(log, NOISE) is log for log in (recorded(2e-4, 0.0, seed)[1] for seed in range(40)))
+    assert all(evened(log, 0.0) is log for log in (recorded(2e-4, 0.0, seed)[1] for seed in range(40)))
     slow = [recorded(4e-4, 0.0, seed, count=100_000, speed=2e-3)[1] for seed in range(5)]
-    assert all(evened(log, NOISE) is log for log in slow)
+    assert all(evened(log, 0.0) is log for log in slow)
+
+
+def test_the_noise_of_the_speed_does_not_make_the_share_smaller():
+    """Half of the square of each estimated speed is noise here; of the product of two estimates, none is."""
+    found = []
+    for seed in range(10):
+        _, log = recorded(4e-4, 0.0, seed, count=30_000, speed=1e-2)
+        stamps = log.measured.time
+        found.append(share_in(log.measured["q"], stamps / PERIOD, unevenness(stamps)[1])[0])
+    assert np.mean(found) == pytest.approx(1.0, abs=0.1)
 
 
 def test_samples_that_are_late_with_stamps_that_are_wrong_are_best_known_between_both():
@@ -146,9 +156,22 @@ def test_what_shows_nothing_keeps_its_stamps():
     """A joint at rest, one that is slow beside its noise, a short log, even stamps."""
     for log in (
         recorded(0.0, 2e-4, speed=0.0)[1], recorded(0.0, 2e-4, speed=1e-3)[1],
-        recorded(0.0, 2e-4, count=60)[1], recorded(0.0, 0.0)[1], log_of(rigid(), (), seed=1),
+        recorded(0.0, 2e-4, count=60)[1], recorded(0.0, 2e-4, count=5)[1], recorded(0.0, 0.0)[1],
+        log_of(rigid(), (), seed=1),
     ):  # fmt: skip
         assert evened(log, NOISE) is log
+
+
+def test_without_motion_the_share_has_no_standard_error():
+    """An angle that never changes, one of noise alone, and one without a window that is known."""
+    times = PERIOD * np.arange(500) + 2e-4 * np.random.default_rng(1).normal(size=500)
+    _, known = unevenness(times)
+    moving = log_with(times, times).measured["q"]
+    assert share_in(np.full(500, 0.3), times / PERIOD, known) == (0.0, np.inf)
+    assert share_in(moving, times / PERIOD, np.zeros(500, dtype=bool)) == (0.0, np.inf)
+    noise = [np.random.default_rng(seed).normal(size=500) for seed in range(20)]
+    errors = [share_in(each, times / PERIOD, known)[1] for each in noise]
+    assert np.isinf(errors).any() and not np.isnan(errors).any()
 
 
 def test_stamps_that_disturb_the_angle_by_less_than_its_noise_stay():
@@ -161,7 +184,19 @@ def test_stamps_that_disturb_the_angle_by_less_than_its_noise_stay():
 def test_a_slow_joint_shows_nothing_by_chance():
     """Shares of its noise are large, of either sign, and a few of two hundred lie below 1 by two standard errors."""
     logs = [recorded(0.0, 2e-4, seed, count=500, speed=1e-3)[1] for seed in range(200)]
-    assert all(evened(log, NOISE) is log for log in logs)
+    assert all(evened(log, 0.0) is log for log in logs)
+
+
+@pytest.mark.parametrize(
+    "steps", [(1.49, 1.49, 0.51, 0.51, 0.51, 0.51), (0.51, 0.51, 0.51, 0.51, 1.49, 1.49), (1.49, 0.51) * 3]
+)
+def test_times_increase_wherever_steps_are_periods(steps):
+    """At the limits of what counts as a period, beside a step that is none."""
+    time = np.cumsum((*[1.0] * 50, 5.0, *steps, 5.0, *[1.0] * 50))
+    late, known = unevenness(time)
+    assert np.any(known & (late != 0.0))
+    for share in (0.0, 0.5, 1.0):
+        assert np.all(np.diff(time - (1.0 - share) * late) > 0.0)
 
 
 def test_missing_angles_and_commands_with_stamps_of_their_own():

@@ -10,11 +10,15 @@ from gap_models import scales
 from via_core.signals import Array, Signals
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.report.causes import compared_causes
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.verdict import Decision
 from via_gap.sensors.stamps import LATE_ANGLE, LATE_COMMAND, separate_delays, stamped_late, with_late_angle
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import simulate
 
 SUBSTEPS = 20
 DRY = Location("coulomb_friction", "link", 0)
@@ -218,3 +222,17 @@ def test_a_late_angle_is_not_added_where_something_separates_it():
         (dry, link_alone(both)),
     ):  # fmt: skip
         assert with_late_angle(decision, log) is decision
+
+
+def test_a_report_shows_twins_at_both_sites_and_neither_as_untried():
+    device, rate = positioned(), 500.0
+    time = np.arange(6000) / rate
+    sent = {"equilibrium": 0.4 * np.sin(1.3 * time) + 0.3 * np.sin(3.1 * time) + 0.1 * np.sin(9.0 * time)}
+    commands = Signals(time, sent, {"equilibrium": "rad"}, frozenset(sent))
+    plant = JointPlant.from_device(device).with_effects((LATE_COMMAND.effect({"delay": 0.02}),))
+    measured = simulate(plant, commands, time[-1], rate, Sensors.of_device(device)).measured
+    report = diagnose([JointLog("log", device, measured.select(["q"]), commands)], device)
+    assert [each.effect for each in report.effects] == ["actuator_delay"]
+    assert {each.effect for each in report.equivalence_set} == {"actuator_delay", "channel_skew"}
+    assert {each.site: each.share for each in report.where} == {"command": 0.5, "timing": 0.5}
+    assert "channel_skew" not in report.figures.untried

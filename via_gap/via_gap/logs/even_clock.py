@@ -48,7 +48,7 @@ def evened(log: JointLog, noise: float) -> JointLog:
     late, known = unevenness(stamps)
     share, error = share_in(log.measured["q"], stamps / period_of(stamps), known)
     time = stamps - (1.0 - max(share, 0.0)) * late
-    if error > KNOWN or share + ERRORS * error >= 1.0 or np.any(np.diff(time) <= 0.0):
+    if error > KNOWN or share + ERRORS * error >= 1.0:
         return log
     wrong = float(np.sqrt(np.mean((stamps - time)[known] ** 2)))
     if wrong * typical_speed(log) <= noise:
@@ -76,7 +76,8 @@ def period_of(time: Array) -> float:
 def unevenness(time: Array) -> tuple[Array, Mask]:
     """(N,) [s] stamps less the line through the window about each, and (N,) whether there is one; else 0.
 
-    There is none within half a window of a step that is no period.
+    There is none within half a window of a step that is no period. So |d| is less than the distance to a neighbour, even
+    if the steps of a window are .5 and 1.5 periods: stamps less any share of d increase.
     """
     steps, late, known = np.diff(time), np.zeros(len(time)), np.zeros(len(time), dtype=np.bool_)
     if len(time) < WINDOW:
