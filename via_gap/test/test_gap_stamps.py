@@ -12,6 +12,7 @@ from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
+from via_gap.report.answer import _weights
 from via_gap.report.causes import compared_causes
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.verdict import Decision
@@ -183,6 +184,9 @@ def test_twins_have_one_probability_and_one_part_of_the_error_together():
     named = replace(found.chosen, fit=replace(fit, effects=(*fit.effects, DRY.effect({"torque": 0.1}))))
     several = replace(found, chosen=named, without=(4.0, 25.0))
     assert several.part(LATE_ANGLE) == several.part(LATE_COMMAND) == pytest.approx(0.4)
+    weights = _weights(several, ())
+    assert weights["command", 0] == weights["timing", 0] == pytest.approx(0.5 * 0.7 * 0.4)
+    assert weights["link", 0] == pytest.approx(0.4 * several.part(DRY))
     causes = compared_causes(flexible(), found, scales(), found.chosen)
     assert [each.effect for each in causes] == ["actuator_delay", "channel_skew", "coulomb_friction"]
     command, angle, dry = causes

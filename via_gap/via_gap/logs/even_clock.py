@@ -76,8 +76,8 @@ def period_of(time: Array) -> float:
 def unevenness(time: Array) -> tuple[Array, Mask]:
     """(N,) [s] stamps less the line through the window about each, and (N,) whether there is one; else 0.
 
-    There is none within half a window of a step that is no period. So |d| is less than the distance to a neighbour, even
-    if the steps of a window are .5 and 1.5 periods: stamps less any share of d increase.
+    There is none within half a window of a step that is no period. Even if the steps of a window are .5 and 1.5 periods,
+    |d| is less than the distance to a neighbour: stamps less any share of d increase.
     """
     steps, late, known = np.diff(time), np.zeros(len(time)), np.zeros(len(time), dtype=np.bool_)
     if len(time) < WINDOW:
