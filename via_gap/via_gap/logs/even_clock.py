@@ -76,7 +76,7 @@ def period_of(time: Array) -> float:
 def unevenness(time: Array) -> tuple[Array, Mask]:
     """(N,) [s] stamps less the line through the window about each, and (N,) whether there is one; else 0.
 
-    There is none within half a window of a step that is no period. Even if the steps of a window are .5 and 1.5 periods,
+    There is none within half a window of a step that is no period. Even where steps are .5 and 1.5 periods long,
     |d| is less than the distance to a neighbour: stamps less any share of d increase.
     """
     steps, late, known = np.diff(time), np.zeros(len(time)), np.zeros(len(time), dtype=np.bool_)
