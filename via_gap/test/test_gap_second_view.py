@@ -12,7 +12,8 @@ from via_gap.logs.log import JointLog
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import ModelComparison, compare_models
 from via_gap.selection.experiment import Experiment
-from via_gap.selection.second_view import second_view, upheld
+from via_gap.selection.search import MOST
+from via_gap.selection.second_view import largest, second_view, upheld
 from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
@@ -75,21 +76,24 @@ def test_the_answer_stands_only_if_its_repair_lowers_the_simulated_error(simulat
     assert not upheld(worse, first, decision(simulated, "cannot_tell"))
 
 
-def test_only_an_effect_that_explains_everything_stands_where_the_cause_is_unknown(simulated):
+def test_only_one_effect_that_explains_everything_stands_where_the_cause_is_unknown(simulated):
     first, torques = decision(simulated, "unknown"), second_view(simulated, decision(simulated, "unknown"))
     assert upheld(simulated, first, decision(torques, "effect", DRY))
-    assert upheld(simulated, first, decision(torques, "several_effects", DRY))
+    assert not upheld(simulated, first, decision(torques, "several_effects", DRY))
     assert not upheld(simulated, first, decision(torques, "main_effect", DRY))
+    cannot_tell = decision(simulated, "cannot_tell")
+    assert upheld(simulated, cannot_tell, decision(torques, "several_effects", DRY))
+    assert largest(first) == 1 and largest(cannot_tell) == MOST > 1
 
 
 def test_a_diagnosis_whose_simulation_finds_no_model_asks_the_torques(monkeypatch):
     """Without a model compared by simulation, inverse dynamics names the cause; otherwise it is not asked."""
     asked: list[str] = []
 
-    def without_simulation(experiment, candidates, progress):
+    def without_simulation(experiment, candidates, progress, most):
         asked.append(experiment.by)
         if experiment.by_equations:
-            return compare_models(experiment, candidates, progress)
+            return compare_models(experiment, candidates, progress, most)
         return ModelComparison(experiment, candidates, [])
 
     log = log_of(rigid(), (DRY,), seed=1)

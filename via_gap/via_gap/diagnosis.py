@@ -25,8 +25,8 @@ from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import candidates_of, compare_models
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.gap import Result, decide_and_measure
-from via_gap.selection.search import Progress
-from via_gap.selection.second_view import second_view, upheld
+from via_gap.selection.search import MOST, Progress
+from via_gap.selection.second_view import largest, second_view, upheld
 from via_gap.selection.turn import part_of
 from via_gap.sensors.stamps import separate_delays, with_late_angle
 
@@ -77,16 +77,16 @@ def _result(recordings: Recordings, experiment: Experiment, notify: Progress) ->
     found = _decided(recordings, experiment, notify)
     if torques := second_view(experiment, found.decision):
         notify("comparing torques", 0.9)
-        other = _decided(recordings, torques, lambda _what, _share: None)
+        other = _decided(recordings, torques, lambda _what, _share: None, largest(found.decision))
         if upheld(experiment, found.decision, other.decision):
             return other
     return found
 
 
-def _decided(recordings: Recordings, experiment: Experiment, notify: Progress) -> Result:
-    """Candidates, comparison and decision of one experiment."""
+def _decided(recordings: Recordings, experiment: Experiment, notify: Progress, most: int = MOST) -> Result:
+    """Candidates, comparison and decision of one experiment; models have at most `most` effects."""
     notify("locating the gap", 0.15)
-    comparison = compare_models(experiment, candidates_of(experiment), notify)
+    comparison = compare_models(experiment, candidates_of(experiment), notify, most)
     models, findings = separate_delays(recordings.logs, comparison.models)
     notify("deciding", 0.85)
     result = decide_and_measure(replace(comparison, models=models), findings)

@@ -22,7 +22,7 @@ from via_gap.candidates.location import Location
 from via_gap.design.commands import RANGE, all_within_limits, angles_under, commands_of
 from via_gap.design.imitation import TiedCause
 from via_gap.design.motions import DURATION, MOTIONS, Motion
-from via_gap.logs.noise import log_noise
+from via_gap.logs.noise import stated_noise
 from via_gap.report.report import Cause, EffectLocation, GapReport, Proposal
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_with_noise
@@ -95,7 +95,12 @@ def tied(report: GapReport) -> tuple[Cause, ...]:
 
 
 def with_proposal(report: GapReport, device: Device) -> GapReport:
-    """The report with a proposal, where causes are tied and a motion keeps within the limits."""
+    """The report with a proposal, where causes are tied and a motion keeps within the limits.
+
+    `propose` also compares the likeliest causes of `cannot_tell`, if asked: no text of a report mentions the result.
+    """
+    if not report.equivalence_set:
+        return report
     try:
         found = propose(report, device)
     except ParameterError:
@@ -183,7 +188,7 @@ def _tried(
     if logs is None:
         return None
     problems: list[tuple[ResidualModel, Array]] = []
-    noise = log_noise(logs[0])  # of the same sensors in every log
+    noise = stated_noise(logs[0])  # of the same sensors in every log
     for log, plant in zip(logs, plants, strict=True):
         segments = cut_with_noise(log, noise)
         problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])

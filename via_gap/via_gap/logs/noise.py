@@ -19,7 +19,7 @@ from via_gap.logs.levels import STANDARD_ERRORS, Level, levels, share_shown
 from via_gap.logs.log import JointLog
 from via_gap.logs.rounding import correlation, distances, mean_variance
 
-How = Literal["residuals", "rounding only", "smoothed", "standstill", "too short"]
+How = Literal["residuals", "rounding only", "smoothed", "standstill", "too short", "stated"]
 STEPPED = 1.0  # encoder steps crossed within a window: all positions within a step are then met
 QUICKEST = 100.0  # [Hz] at least of strided samples: four in a period of the quickest motion looked for, 25 Hz
 HARMONICS = 12  # of the sawtooth: at .05 steps of noise the next is damped to 6e-8, without noise to .6 % of the first
@@ -81,6 +81,18 @@ def log_noise(log: JointLog) -> LogNoise:
                 channels[f"tau_{i + 1}"] = _torque_noise(log, i, column)
                 declared[f"tau_{i + 1}"] = log.device.sensors.torque_noise or None
     return LogNoise(channels, declared, clock_of(log.measured.time))
+
+
+def stated_noise(log: JointLog) -> LogNoise:
+    """Noise of a simulated log, whose sensors are those of the device file: `log_noise` without an estimate."""
+    period, torque = float(np.median(np.diff(log.measured.time))), log.device.sensors.torque_noise
+    known = {name: (0.0, quantum or 0.0) for name, _, quantum in log.angles}
+    known |= {f"tau_{i + 1}": (torque, 0.0) for i in range(0 if log.torque is None else log.torque.shape[1])}
+    channels = {
+        name: ChannelNoise(sqrt(white**2 + step**2 / 12.0), white, step, 0.0, 0.0, 0.0, len(log.measured), "stated")
+        for name, (white, step) in known.items()
+    }
+    return LogNoise(channels, {name: each.sd for name, each in channels.items()}, Clock(period, 0.0))
 
 
 def clock_of(time: Array) -> Clock:

@@ -58,7 +58,7 @@ LEAST_GAIN = 0.05  # of a drive: smaller ones count as this
 class Windows:
     """Samples of one log for the equations, shared by all selections of its segments.
 
-    undriven for each axis the record without the commands of its drive
+    undriven the record without the commands of drives; no axis feels the drive of another
     axes     equations that the signals allow: 0 link, 1, 2 motors
     weights  (3, n) of a window: <f, psi>, <f, psi'>, <f, psi''>
     stride   ticks from one window to the next
@@ -69,7 +69,7 @@ class Windows:
     """
 
     record: Record
-    undriven: tuple[Record, ...]
+    undriven: Record
     axes: tuple[int, ...]
     weights: Array
     stride: int
@@ -182,25 +182,26 @@ class InverseDynamics:
     def _missing(self, row: Array) -> Array:
         """(C, w a) in units of the floor."""
         terms = equation_torques(row, self.windows.record, self.inside)
-        parts = []
-        for axis, floor in zip(self.windows.axes, self.windows.floor_behind(float(row[P.lag])), strict=True):
-            parts.append(self.weight * self._missing_at(terms, axis) / (floor * self._passed(row, terms, axis)))
+        scales = self.windows.floor_behind(float(row[P.lag])) * self._passed(row, terms)
+        parts = [self.weight * self._missing_at(terms, a) / s for a, s in zip(self.windows.axes, scales, strict=True)]
         return np.concatenate(parts, axis=1)
 
-    def _passed(self, row: Array, terms: EquationTorques, axis: int) -> float:
-        """Share of the drive's torque that acts on an axis under a row: 1 unless an effect reduces it.
+    def _passed(self, row: Array, terms: EquationTorques) -> Array:
+        """(a,) share of the drive's torque that acts on each axis under a row: 1 unless an effect reduces it.
 
         With a drive that is weak, saturated, slow or balanced by load-dependent friction, little torque would be
         missing in any motion. Missing torque is therefore relative to the torque that acts.
         """
-        behind_springs = axis == 0 and self.segments.log.device.n_transmissions > 0
-        if behind_springs or np.array_equal(row[TAKING], self.nominal[TAKING]):
-            return 1.0
-        windows, which = self.windows, self.windows.axes.index(axis)
-        undriven = equation_torques(row, windows.undriven[which], self.inside)
-        acts, sent = terms.torque[:, axis] - undriven.torque[:, axis], windows.drive[self.inside, which]
-        share = float(np.linalg.norm(self.over(acts, 0))) / max(float(np.linalg.norm(self.over(sent, 0))), SMALLEST)
-        return max(share, LEAST_GAIN)
+        axes, shares = self.windows.axes, np.ones(len(self.windows.axes))
+        driven = [i for i, axis in enumerate(axes) if axis > 0 or self.segments.log.device.n_transmissions == 0]
+        if not driven or np.array_equal(row[TAKING], self.nominal[TAKING]):
+            return shares
+        acting = terms.torque - equation_torques(row, self.windows.undriven, self.inside).torque
+        for i in driven:
+            pairs = acting[:, axes[i]], self.windows.drive[self.inside, i]
+            acts, sent = (float(np.linalg.norm(self.over(each, 0))) for each in pairs)
+            shares[i] = max(acts / max(sent, SMALLEST), LEAST_GAIN)
+        return shares
 
     def _missing_at(self, terms: EquationTorques, axis: int) -> Array:
         """(C, w) [N m]; while an axis is nearly at rest, dry friction balances as much torque as it can."""
@@ -254,7 +255,7 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
     time = np.arange(len(angle)) / rate
     sensed = bool(log.device.n_motors) and not log.motors_commanded
     record = Record(time, angle, velocity, time, segments.commands, sensed, segments.still)
-    undriven = tuple(replace(record, commands=_undriven(segments.commands, axis, log.device)) for axis in axes)
+    undriven = replace(record, commands=_undriven(segments.commands, log.device))
     drive = _drives(nominal, record, undriven, log.device, axes)
     slopes = _slopes(segments, axes)
     for times in range(1, LONGEST + 1):
@@ -281,23 +282,20 @@ def equations(segments: Segments, device: Device) -> tuple[int, ...]:
 
 
 def _drives(
-    nominal: Array, record: Record, undriven: Sequence[Record], device: Device, axes: tuple[int, ...]
+    nominal: Array, record: Record, undriven: Record, device: Device, axes: tuple[int, ...]
 ) -> Array:  # fmt: skip
     """(T, a) [N m] torque that drives each axis: of its drive, or of the springs for a link behind springs."""
-    terms, columns = equation_torques(nominal, record), []
-    for axis, without in zip(axes, undriven, strict=True):
-        if axis == 0 and device.n_transmissions:
-            columns.append(np.nansum(terms.transmission, axis=1))
-        else:
-            columns.append(terms.torque[:, axis] - equation_torques(nominal, without).torque[:, axis])
-    return np.stack(columns, axis=1)
+    terms = equation_torques(nominal, record)
+    torques = terms.torque - equation_torques(nominal, undriven).torque
+    if device.n_transmissions:
+        torques[:, 0] = np.nansum(terms.transmission, axis=1)
+    return torques[:, list(axes)]
 
 
-def _undriven(commands: Array, axis: int, device: Device) -> Array:
-    """The commands (T, N_COMMANDS) without those of the drive of an axis."""
-    column = axis - 1 if axis else POWER if device.drive == "position" else EXTERNAL
+def _undriven(commands: Array, device: Device) -> Array:
+    """The commands (T, N_COMMANDS) without those of the drives."""
     without = commands.copy()
-    without[:, column] = 0.0
+    without[:, [M1 + i for i in range(device.n_motors)] or (POWER if device.drive == "position" else EXTERNAL)] = 0.0
     return without
 
 

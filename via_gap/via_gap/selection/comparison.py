@@ -26,7 +26,7 @@ from via_gap.selection.between import with_interpolation
 from via_gap.selection.evidence import Evaluation, predicts, vetoed
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.plausibility import doubt
-from via_gap.selection.search import Progress, Search
+from via_gap.selection.search import MOST, Progress, Search
 from via_gap.selection.verdict import no_gap, noise_only
 
 
@@ -49,24 +49,29 @@ def candidates_of(experiment: Experiment) -> CandidateSet:
     return CandidateSet.of(experiment.segments, experiment.train, experiment.tuned.fit, experiment.fitted)
 
 
-def compare_models(experiment: Experiment, candidates: CandidateSet, progress: Progress) -> ModelComparison:
-    """Models that explain the gap, compared on held-out segments; none if the tuned device leaves only noise."""
+def compare_models(
+    experiment: Experiment, candidates: CandidateSet, progress: Progress, most: int = MOST
+) -> ModelComparison:
+    """Models of at most `most` effects that explain the gap, compared on held-out segments.
+
+    None if the tuned device leaves only noise.
+    """
     if not noise_only(experiment.tuned):
         lines = with_interpolation(experiment, experiment.tuned, candidates.scales)
         if lines is not None:
             experiment, candidates = lines, candidates_of(lines)
     if no_gap(experiment.tuned):
         return ModelComparison(experiment, candidates, [])
-    models = _searched(experiment, candidates, progress)
+    models = _searched(experiment, candidates, progress, most)
     best = min(models, key=lambda each: each.score, default=experiment.tuned)
     lines = with_interpolation(experiment, best, candidates.scales) if models else None
     if lines is not None:  # decided once: interpolation that helps one effect a little may harm another
         experiment, candidates = lines, candidates_of(lines)
-        models = [] if no_gap(experiment.tuned) else _searched(experiment, candidates, progress)
+        models = [] if no_gap(experiment.tuned) else _searched(experiment, candidates, progress, most)
     if experiment.lopsided(models):
         experiment = experiment.around(())
         candidates = candidates_of(experiment)
-        models = _searched(experiment, candidates, progress)
+        models = _searched(experiment, candidates, progress, most)
     best = min(models, key=lambda each: each.score, default=experiment.tuned)
     if experiment.folds is not None or not event_times(best.fit):
         return ModelComparison(experiment, candidates, models)
@@ -77,14 +82,14 @@ def compare_models(experiment: Experiment, candidates: CandidateSet, progress: P
     if len(times) == 2:  # an initial value that the fitted segments alone might not provide
         scales = replace(scales, busy=((times[0], times[1]), *scales.busy))
     experiment, candidates = experiment.around(times), replace(candidates, scales=scales)
-    return ModelComparison(experiment, candidates, _searched(experiment, candidates, progress))
+    return ModelComparison(experiment, candidates, _searched(experiment, candidates, progress, most))
 
 
-def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progress) -> list[Evaluation]:
+def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progress, most: int) -> list[Evaluation]:
     """Every model of one search."""
     compare = partial(experiment.compare, scales=candidates.scales)
     search = Search.of(experiment.fitted, compare, _supported(experiment, candidates), experiment.tuned, candidates)
-    return search.run(progress)
+    return search.run(progress, most)
 
 
 def _supported(experiment: Experiment, candidates: CandidateSet) -> Callable[[Evaluation], bool]:

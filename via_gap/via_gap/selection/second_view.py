@@ -7,14 +7,16 @@ the equation of its spring as it is. So if simulation names nothing, models are 
 That answer stands if simulation agrees:
 
 - the repair lowers the error of simulated segments as well;
-- if a flexible torque explains the simulated error that no effect explains (`unknown`), only an effect that explains
-  everything refutes that: a main effect leaves it as unknown as before.
+- if a flexible torque explains the simulated error that no effect explains (`unknown`), only one effect that explains
+  everything refutes that: a main effect leaves it as unknown as before, and of several effects the flexible torque is
+  the simpler explanation. So no further ones are searched.
 """
 
 from __future__ import annotations
 
 from via_gap.candidates.refinement import fit_on
 from via_gap.selection.experiment import Experiment
+from via_gap.selection.search import MOST
 from via_gap.selection.verdict import UNNAMED, Decision
 
 
@@ -23,9 +25,14 @@ def second_view(experiment: Experiment, decision: Decision) -> Experiment | None
     return experiment.compared_by_equations() if decision.verdict in UNNAMED else None
 
 
+def largest(decision: Decision) -> int:
+    """Most effects of an answer by inverse dynamics beside the decision by simulation."""
+    return 1 if decision.verdict == "unknown" else MOST
+
+
 def upheld(experiment: Experiment, first: Decision, other: Decision) -> bool:
     """Whether simulation, which led to the decision `first`, supports what `other`, by inverse dynamics, names."""
-    if not other.named or (first.verdict == "unknown" and other.verdict == "main_effect"):
+    if not other.named or (first.verdict == "unknown" and other.verdict != "effect"):
         return False
     (repaired,) = experiment.evaluate([fit_on(experiment.fitted, other.chosen.fit)])
     return repaired.on_all.score < experiment.tuned.on_all.score
