@@ -12,9 +12,12 @@ from scipy.signal import lfilter
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals
 from via_gap.candidates.bounds import bounds_of
-from via_gap.candidates.location import Location
+from via_gap.candidates.fit import effect_or_none
+from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import scales_of
+from via_gap.candidates.starts import combined, starts
 from via_gap.logs.log import JointLog
+from via_gap.residual.equation_torques import equation_torques
 from via_gap.residual.inverse_dynamics import TAKING, InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
@@ -22,6 +25,7 @@ from via_gap.residual.segments import binned, cut_log
 from via_gap.residual.true_starts import without_parts
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
+from via_sim.joint.layout import M1, M2
 from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
@@ -303,3 +307,27 @@ def test_friction_that_differs_with_the_direction_holds_as_a_bias_beside_it_does
     model = model_of(log_of(rigid(), (one,), seed=3))
     first, second = model.residual([model.row([one]), model.row(other)])
     np.testing.assert_allclose(first, second, atol=1e-6)
+
+
+def test_no_equation_of_a_motor_contains_the_drive_of_the_other():
+    """So one record without the commands of both motors serves the equations of both, with every effect."""
+    log = antagonistic_log(())
+    model = model_of(log)
+    segments = model.views[0].segments
+    record, scales = model.views[0].windows.record, scales_of([segments], [None])
+    without = {drives: np.array(record.commands) for drives in ((M1,), (M2,), (M1, M2))}
+    for drives, commands in without.items():
+        commands[:, list(drives)] = 0.0
+    records = {drives: replace(record, commands=commands) for drives, commands in without.items()}
+    tried = 0
+    for place in locations(log.device, log):
+        for start in starts(place, scales, log.device):
+            effect = effect_or_none(place, combined(place, start, [1.0] * (2 if start.wave else len(start.directions))))
+            row = model.row_or_none([effect])
+            if row is None:
+                continue
+            tried += 1
+            torques = {drives: equation_torques(row, each).torque for drives, each in records.items()}
+            for axis, drive in ((1, M1), (2, M2)):
+                np.testing.assert_array_equal(torques[M1, M2][:, axis], torques[(drive,)][:, axis], str(place))
+    assert tried > 60

@@ -9,7 +9,7 @@ from scipy.signal import chirp, savgol_filter
 from via_core.signals import Signals
 from via_gap.logs import levels
 from via_gap.logs.log import JointLog
-from via_gap.logs.noise import channel_noise, clock_of, error_correlation, log_noise
+from via_gap.logs.noise import channel_noise, clock_of, error_correlation, log_noise, stated_noise
 
 COARSE, FINE = 2.9e-3, 9.6e-5  # [rad] steps of 12-bit and 16-bit encoders
 
@@ -152,3 +152,14 @@ def test_noise_that_no_file_states_is_found_in_a_log():
 def test_speeds_are_slopes_of_straight_lines_up_to_both_ends(samples, wide):
     values = np.cumsum(np.random.default_rng(wide).normal(size=samples))
     assert levels._slopes(values, wide) == pytest.approx(savgol_filter(values, wide, 1, deriv=1), abs=1e-12)
+
+
+def test_a_simulated_log_has_the_noise_that_the_device_file_states():
+    """What the log itself shows agrees."""
+    log = log_of(flexible(), (), seed=4, duration=20.0)
+    stated, shown = stated_noise(log), log_noise(log)
+    assert stated.channels.keys() == shown.channels.keys() == {"q", "theta_1", "tau_1"}
+    for name, each in stated.channels.items():
+        found = shown.channels[name]
+        assert each.sd == pytest.approx(found.sd, rel=0.1) and each.quantum == pytest.approx(found.quantum, rel=1e-3)
+    assert stated.clock.period == pytest.approx(shown.clock.period) and stated.jitter == 0.0

@@ -140,7 +140,9 @@ def test_nothing_is_proposed_where_nothing_is_open():
     assert len(tied(both)) == len(tied(both.model_copy(update={"verdict": "main_effect"}))) == 2
     several = {"verdict": "several_effects", "effects": both.equivalence_set}
     assert tied(both.model_copy(update=several)) == tied(both.model_copy(update={"verdict": "unknown"})) == ()
-    assert len(tied(both.model_copy(update={"verdict": "cannot_tell", "equivalence_set": ()}))) == 2
+    open_ = both.model_copy(update={"verdict": "cannot_tell", "equivalence_set": ()})
+    assert len(tied(open_)) == 2
+    assert with_proposal(open_, device).proposal is None and with_proposal(both, device).proposal is not None
 
 
 def test_a_cause_that_no_motion_keeps_within_the_limits_prevents_no_proposal():

@@ -1,11 +1,12 @@
 """The search: which candidates are fitted to the end."""
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
-from gap_models import PAYLOAD, evaluated
+from gap_models import DRAG, PAYLOAD, evaluated
 from via_core.devices import load_device
 from via_core.signals import Signals
 from via_gap.candidates.fit import Fit
@@ -163,15 +164,30 @@ def test_a_step_that_helps_fitted_segments_alone_is_followed(monkeypatch, fitted
         for held, error, places in ((50.0, 5000.0, ()), (49.8, fitted, (PAYLOAD,)))
     )
     assert not relevant(after, before, before)
+    assert sizes_tried(monkeypatch, before, [after]) == sizes
+
+
+@pytest.mark.parametrize(("most", "sizes"), [(4, [0, 1, 2]), (2, [0, 1]), (1, [0])])
+def test_models_have_at_most_as_many_effects_as_asked_for(monkeypatch, most, sizes):
+    before, *steps = (
+        evaluated(np.full(20, error), *places)
+        for error, places in ((400.0, ()), (200.0, (PAYLOAD,)), (100.0, (PAYLOAD, DRAG)))
+    )
+    assert sizes_tried(monkeypatch, before, steps, most) == sizes
+
+
+def sizes_tried(monkeypatch, before, steps, most=4):
+    """Numbers of effects beside which the search tries a further one, if it finds the models `steps` in turn."""
     extended: list[int] = []
-    steps = [[after]]
+    coming = iter(steps)
     for name, instead in (
         ("_extended", lambda _self, fit: extended.append(len(fit.effects))),
-        ("_finished", lambda _self, _fits: []),
-        ("_evaluated", lambda _self, _fits, _models: steps.pop() if steps else []),
+        ("_finished", lambda _self, _fits: list(islice(coming, 1))),
+        ("_evaluated", lambda _self, models, _models: models),
+        ("_reduced", lambda _self, _fit: []),
         ("_beside", lambda self, _fit: self),
     ):
         monkeypatch.setattr(Search, name, instead)
     search = Search(None, None, None, None, before, before.fit, np.empty(0), [], None)
-    search.run(lambda _what, _share: None)
-    assert extended == sizes
+    search.run(lambda _what, _share: None, most)
+    return extended

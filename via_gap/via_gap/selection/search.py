@@ -30,7 +30,7 @@ from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation, plainer, simplest
 from via_gap.selection.plausibility import absurd
-from via_gap.selection.verdict import accepted, improvable, relevant
+from via_gap.selection.verdict import improvable, relevant
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on held-out data
@@ -86,7 +86,7 @@ class Search:
     def run(self, progress: Progress, most: int = MOST) -> list[Evaluation]:
         """Every model evaluated, of at most `most` effects."""
         models: dict[frozenset[Location], Evaluation] = {}
-        current = certain = self.tuned
+        current = self.tuned
         while len(current.fit.effects) < most and improvable(current, self.tuned):
             size = len(current.fit.effects)
             progress("trying every effect" if size == 0 else f"beside {current.fit.locations[-1]}", 0.2 + 0.15 * size)
@@ -95,10 +95,7 @@ class Search:
             step = simplest(found) if found else current
             if len(step.fit.effects) > size > 0:  # a smaller model may fit better from there than it did alone
                 self._evaluated(here._reduced(step.fit), models)
-            if accepted(step, certain, self.tuned, found):
-                certain = step
-            unsure = len(step.fit.effects) - len(certain.fit.effects)
-            if unsure > 1 or not _relevant_anywhere(step, current, self.tuned):
+            if not _relevant_anywhere(step, current, self.tuned):
                 break
             current = step  # what is not significantly better yet may become so with one more
         return list(models.values())
