@@ -11,6 +11,7 @@ from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import ModelComparison, compare_models
+from via_gap.selection.evidence import significantly_worse
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.search import MOST
 from via_gap.selection.second_view import largest, second_view, upheld
@@ -65,6 +66,15 @@ def test_there_is_no_second_view_without_an_equation_or_with_a_control_loop():
     for log in (link, with_position_drive()):
         experiment = experiment_of(log)
         assert second_view(experiment, decision(experiment, "cannot_tell")) is None
+
+
+def test_a_strong_push_does_not_prevent_a_second_view():
+    """It spoils the flexible torque, which then predicts less than a constant. The device itself still predicts."""
+    push = Effect("external_torque", "environment", {"torque": -100.0, "start": 5.0, "stop": 5.6})
+    experiment = experiment_of(log_of(rigid(), (DRY, push), seed=1))
+    torques = second_view(experiment, decision(experiment, "cannot_tell"))
+    flexible = replace(torques.tuned, segments=torques.bound_of_equations(torques.tuned.fit), fitted=np.empty(0))
+    assert significantly_worse(flexible, torques.baseline) and significantly_worse(torques.baseline, torques.tuned)
 
 
 def test_the_answer_stands_only_if_its_repair_lowers_the_simulated_error(simulated):

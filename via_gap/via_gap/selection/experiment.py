@@ -140,8 +140,9 @@ class Experiment:
         if self.other_view is None or self.folds is not None or self.evaluated.device.drive != "torque":
             return None
         made = _experiment(self.segments, self.train, self.held, equations=True)
-        bound = replace(made.tuned, segments=made.bound_of_equations(made.tuned.fit), fitted=np.empty(0))
-        return None if significantly_worse(bound, made.baseline) else made
+        flexible = replace(made.tuned, segments=made.bound_of_equations(made.tuned.fit))
+        best = min(flexible, made.tuned, key=lambda each: each.score)  # a push disturbs the flexible model more
+        return None if significantly_worse(replace(best, fitted=np.empty(0)), made.baseline) else made
 
     def bound_of_equations(self, fit: Fit) -> Array:
         """(S,) mean squared whitened held-out missing torque that a flexible torque model beside a fit leaves."""
