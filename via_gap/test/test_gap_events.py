@@ -24,15 +24,18 @@ FRICTION = Effect("coulomb_friction", "link", {"torque": 0.04})
 OFFERED = ("coulomb_friction", "viscous_friction", "gravity_error", "external_torque")  # the test is to be short
 
 
-def test_shots_that_hold_an_event_are_fitted_and_no_shot_is_lost():
+def test_segments_with_an_event_and_their_neighbours_are_on_both_sides_and_none_is_lost():
     segments = cut_log(log_of(flexible(), (), seed=22))
     (plain,), (held_out,) = split_finely([segments])
-    event = float(segments.time[held_out[3]]) + 0.1  # inside a segment that would be held out
-    edge = float(segments.time[held_out[5]]) - 0.001  # at the end of the segment before
-    (train,), (held,) = split_finely([segments], [event, edge])
-    assert np.array_equal(np.sort(np.concatenate([train, held])), np.flatnonzero(segments.valid))
-    assert set(train) - set(plain) == {held_out[3], held_out[5]}
-    assert np.array_equal(np.sort(train), train)
+    begin = segments.time - segments.log.measured.time[0]
+    first, second = int(held_out[3]), int(held_out[7])
+    span = segments.ticks / segments.rate
+    events = [float(begin[first]) + 0.5 * span, float(begin[second]) + 0.1 * span]
+    (train,), (held,) = split_finely([segments], events)
+    both = {first - 1, first, first + 1, second - 1, second, second + 1}
+    assert set(train) & set(held) == both <= set(np.flatnonzero(segments.valid))
+    assert set(train) == set(plain) | both and set(held) == set(held_out) | both
+    assert np.array_equal(np.sort(train), train) and np.array_equal(np.sort(held), held)
 
 
 def test_short_recordings_share_one_pattern_of_fitted_and_held_out_segments():
@@ -62,6 +65,22 @@ def test_a_push_beside_friction_is_named_though_all_its_edges_were_held_out(monk
     assert found["external_torque"]["torque"].value == pytest.approx(0.06, rel=0.05)
     assert found["external_torque"]["start"].value == pytest.approx(START, abs=0.005)
     assert found["external_torque"]["stop"].value == pytest.approx(STOP, abs=0.005)
+
+
+@pytest.mark.parametrize("begin", [3.1, 3.2, 3.3, 3.4])
+def test_a_short_push_is_named_wherever_its_segments_were(monkeypatch, begin):
+    """Two or three segments hold all of it: fitted alone, held out alone, or one after the other."""
+    push = {"torque": 0.3, "start": begin, "stop": begin + 0.4}
+    log = log_of(rigid(), (Effect("external_torque", "environment", push),), seed=5, duration=10.0)
+    monkeypatch.setattr(
+        "via_gap.candidates.candidate_set.locations",
+        lambda *of: tuple(location for location in locations(*of) if location.name in OFFERED),
+    )
+    report = diagnose([log], log.device)
+    assert [each.effect for each in report.effects] == ["external_torque"]
+    found = report.causes[0].parameters
+    assert {name: value.value for name, value in found.items()} == pytest.approx(push, rel=0.01)
+    assert report.gap.after < 1.5 * report.gap.floor < 0.1 * report.gap.before
 
 
 @pytest.fixture(scope="module")

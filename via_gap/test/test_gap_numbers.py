@@ -20,7 +20,7 @@ EFFORT = [
 ]
 CONSTANTS = [*THRESHOLDS, *EFFORT]
 # Finite-difference steps, and details of an approximation that the page leaves to the files.
-UNLISTED = {"between.STEP", "bound.PULSE", "holdout.NEAR", "information.EXHAUSTIVE"} | {
+UNLISTED = {"between.STEP", "bound.PULSE", "information.EXHAUSTIVE"} | {
     f"basis.{name}" for name in ("STEP", "KNOTS", "TIME_KNOTS", "FAR")
 }
 

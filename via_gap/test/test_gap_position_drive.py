@@ -7,6 +7,7 @@ from via_core.signals import Signals
 from via_gap.candidates.covariance import delay_sd, unfitted_delay_sd
 from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
+from via_gap.logs.between import in_lines
 from via_gap.logs.log import JointLog
 from via_gap.residual.nuisance import delay_between_samples, nuisances
 from via_gap.residual.residual_model import ResidualModel
@@ -97,6 +98,16 @@ def test_a_feedforward_is_known_to_half_a_sample_at_best():
     assert found == pytest.approx(0.5 / 1.96 / RATE * 12.0 / 0.4)
     late = [Location(name, "command", 0) for name in ("actuator_delay", "actuator_lag")]
     assert unfitted_delay_sd(model, late) == pytest.approx([0.0, 0.5 / 1.96 / RATE])
+
+
+@pytest.mark.parametrize(
+    ("late", "sd"), [(None, 0.5 / 1.96), (0.0, 0.5 / 1.96), (0.2, 0.3 / 1.96), (0.4, 0.5 / 12**0.5)]
+)
+def test_a_delay_is_not_known_by_what_is_left_of_half_a_period(late, sd):
+    """Lines that act at once may stand for steps, which act late by half a period."""
+    log = recorded(positioned())
+    model = ResidualModel.of([cut_log(log if late is None else in_lines(log, late / RATE))], [np.arange(2)])
+    assert delay_sd(model, [Location("actuator_delay", "command", 0)]) == pytest.approx([sd / RATE])
 
 
 def test_an_arm_takes_the_goal_with_its_feedforward():

@@ -33,7 +33,9 @@ from via_gap.selection.verdict import (
     fractions,
     improvable,
     ladder,
+    noise_only,
     relevant,
+    relevant_anywhere,
 )
 
 SEGMENTS = 40
@@ -487,6 +489,17 @@ def leaving(square: float, *locations: Location, seed: int = 0) -> Evaluation:
 
 def test_noise_alone_is_no_gap():
     assert decide(leaving(1.9), [leaving(1.0, COULOMB)], reaching(1.0)).verdict == "no_gap"
+
+
+def test_an_error_in_fitted_segments_alone_is_a_gap():
+    """A push may lie in them; a model that leaves only noise there is named, although held-out ones show nothing."""
+    pushed = np.where(np.arange(SEGMENTS) < 2, 4e4, 1.0)
+    tuned = replace(even(1.0), fitted=pushed)
+    assert not noise_only(tuned) and noise_only(replace(tuned, fitted=np.ones(SEGMENTS)))
+    assert decide(tuned, [], reaching(1.0)).verdict == "cannot_tell"
+    found = replace(even(0.99, BACKLASH), fitted=np.ones(SEGMENTS))
+    assert not relevant(found, tuned, tuned) and relevant_anywhere(found, tuned, tuned)
+    assert decide(tuned, [found], reaching(1.0)).named == (BACKLASH,)
 
 
 def test_noise_alone_is_a_gap_where_an_effect_takes_the_place_of_a_parameter_at_its_bound():

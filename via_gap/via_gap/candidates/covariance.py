@@ -45,7 +45,10 @@ def delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
     """
     segments = problem.views[0].segments
     late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
-    sd = (STEPS_SD if segments.log.lined is None else LATE_SD) * period_of(segments.log)
+    period, lined = period_of(segments.log), segments.log.lined
+    sd = STEPS_SD * period
+    if lined is not None:  # the rest of half a period, as far as lines are not late already
+        sd = max(sd - max(lined, 0.0) * STEPS_SD / 0.5, LATE_SD * period)
     sds = dict.fromkeys(late, sd)
     servo = problem.device.servo
     if servo is not None and servo.kd > 0.0:

@@ -10,7 +10,8 @@ If a model leaves an error only in fitted or only in held-out segments, the sear
 alternate.
 
 An effect that begins or ends at one time of a run is visible only in the segments around it. If the best model has such
-times, they are fitted to all segments, and the search is repeated with those segments among the fitted ones.
+times, they are fitted to all segments, and the search is repeated with those segments on both sides. The best of all
+segments counts: fitted to a part of a push, a model is wrong about the rest, which may be held out.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def compare_models(
         experiment = experiment.around(())
         candidates = candidates_of(experiment)
         models = _searched(experiment, candidates, progress, most)
-    best = min(models, key=lambda each: each.score, default=experiment.tuned)
+    best = min(models, key=lambda each: each.on_all.score, default=experiment.tuned)
     if experiment.folds is not None or not event_times(best.fit):
         return ModelComparison(experiment, candidates, models)
     everywhere = experiment.everywhere()

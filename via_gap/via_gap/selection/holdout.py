@@ -13,7 +13,6 @@ from via_gap.selection.numbers import NUMBERS
 
 BLOCK = 2.0  # [s] at least
 SEGMENTS = 6  # of a block at least
-NEAR = 0.02  # [s] to either side of a segment: an event there has an influence on it
 LEAST = 0.02  # smallest ratio of the errors of both sides at which blocks are representative
 ALIKE = 0.5 * SHARE  # difference of parts of the motion up to which it is comparable: half of the share
 PATTERN = (True, True, False, True, False)  # which of five neighbouring blocks are fitted
@@ -65,14 +64,15 @@ def _comparable(segments: Sequence[Segments], valid: Sequence[Indices], blocks: 
 def split_finely(segments: Sequence[Segments], events: Sequence[float] = ()) -> Sides:
     """Indices of fitted and of held-out segments in blocks of one segment: for effects that occur once in a log.
 
-    events  [s since the logs began]; segments that contain one are fitted, because no other segment shows its time
+    events  [s since the logs began]; segments that contain one, and their neighbours, are on both sides: no other
+            segment shows its time, and of a short push no other one is left
     """
     train, held = _by_blocks([np.flatnonzero(each.valid) for each in segments], [1] * len(segments))
     for i, each in enumerate(segments):
         begin, span = each.time - each.log.measured.time[0], each.ticks / each.rate
-        known = np.array([any(b - NEAR <= event <= b + span + NEAR for event in events) for b in begin], dtype=bool)
-        train[i] = np.union1d(train[i], held[i][known[held[i]]])
-        held[i] = held[i][~known[held[i]]]
+        known = np.array([any(b - span <= event <= b + 2.0 * span for event in events) for b in begin], dtype=bool)
+        both = np.intersect1d(np.flatnonzero(known), np.union1d(train[i], held[i]))
+        train[i], held[i] = np.union1d(train[i], both), np.union1d(held[i], both)
     return train, held
 
 

@@ -230,8 +230,11 @@ def no_gap(tuned: Evaluation) -> bool:
 
 
 def noise_only(each: Evaluation) -> bool:
-    """Whether the error of a model is that of noise, within the uncertainty of the noise."""
-    return each.mean_square <= NUMBERS.no_gap
+    """Whether the error of a model is that of noise, within the uncertainty of the noise.
+
+    On held-out segments and on all: a push may lie in fitted ones alone.
+    """
+    return max(each.mean_square, each.on_all.mean_square) <= NUMBERS.no_gap
 
 
 def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None = None) -> tuple[float, ...]:
@@ -256,7 +259,7 @@ def accepted(more: Evaluation, fewer: Evaluation, tuned: Evaluation, models: Seq
 
     models  all; an event has to explain more than the same model without it, not only more than `fewer`
     """
-    if not relevant(more, fewer, tuned):
+    if not relevant_anywhere(more, fewer, tuned):
         return False
     return significantly_worse(fewer, more) or outdone_by(_without_events(more, models) or fewer, more)
 
@@ -280,6 +283,15 @@ def relevant(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
         if remaining or gain > NUMBERS.material * max(error(tuned) - 1.0, 0.0) > 0.0:
             return True
     return False
+
+
+def relevant_anywhere(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
+    """Whether a model with more effects is `relevant`, on held-out or on all segments.
+
+    A torque limit that only fitted recordings reach improves no held-out one, but a pair with it may. A push is in
+    fitted segments alone if it begins and ends in neighbouring ones.
+    """
+    return relevant(more, fewer, tuned) or relevant(more.on_all, fewer.on_all, tuned.on_all)
 
 
 def improvable(each: Evaluation, tuned: Evaluation) -> bool:
