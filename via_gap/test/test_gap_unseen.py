@@ -103,3 +103,11 @@ def test_a_log_that_begins_in_motion_leaves_noise_beside_the_true_device():
     raw = unfitted.segments.measured[unfitted.chosen] - unfitted.motion(row[None])[0]
     estimated = unfitted.segments.measured[unfitted.chosen] - problem.views[0].motion(row[None])[0]
     assert np.std(estimated) < 0.5 * np.std(raw)
+
+
+def test_the_segment_in_which_a_log_begins_is_not_used_with_an_unmeasured_motor():
+    """The link rests in it, but nothing is known of the motor."""
+    log = log_of(flexible(), (), seed=3, duration=8.0)
+    seen, unseen = cut_log(log), cut_log(without_motors(log))
+    assert seen.rests and unseen.rests
+    assert seen.valid[0] and not unseen.valid[0] and unseen.valid[1:].any()

@@ -206,8 +206,9 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
     valid = known_start[begin]
     rests = bool(still.all())
-    if len(begin) > 1 and not rests:
-        valid[0] = False  # the log begins in motion: a one-sided fit of the velocity is too uncertain
+    unseen = device.drive == "torque" and not all(log.motors_seen)
+    if len(begin) > 1 and (not rests or unseen):
+        valid[0] = False  # it begins in motion (a one-sided fit of the velocity is too uncertain), or a motor may move
     measured = binned(cut, every, averaged)
     read = binned(np.stack([lost[b : b + ticks + 1].astype(np.float64) for b in begin]), every, averaged) == 0.0
     valid &= read.sum(axis=(1, 2)) >= ENOUGH
