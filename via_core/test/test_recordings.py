@@ -772,3 +772,20 @@ def test_a_drive_in_counts_has_a_speed_of_its_own_unit_and_a_large_current_is_re
     current, left = found.remarks
     assert "if it is in mA, call it 'present_current [mA]'" in current and left == "columns not used: present_velocity"
     assert entries_of(tables, guess_columns(tables), "", Constants(4096, 1.0)).columns["external_torque"]
+
+
+@pytest.mark.parametrize(
+    "columns",
+    ["{}", "{time: 'time (ms)', q: 'q [deg]', tau_1: 'tau_1 [mNm]'}", "{q: {column: 'q [deg]', unit: deg}}"],
+    ids=["no entries", "names", "unit stated"],
+)
+def test_units_in_brackets_count(tmp_path: Path, columns: str) -> None:
+    """With and without an entry for the column; whoever states a scale has converted it."""
+    table = pandas.DataFrame({"time (ms)": 1e3 * TIME, "q [deg]": np.degrees(ANGLE), "tau_1 [mNm]": 1e3 * TORQUE})
+    table.to_csv(tmp_path / "log.csv", index=False)
+    read = read_joint(tmp_path / "log.csv", parse_device(DEVICE.format(wire=f"{{columns: {columns}}}"), "elbow"))
+    np.testing.assert_allclose(read.measured.time, TIME, atol=1e-12)
+    np.testing.assert_allclose(read.measured["q"], ANGLE, atol=1e-12)
+    np.testing.assert_allclose(read.measured["tau"][:, 0], TORQUE, atol=1e-12)
+    assert WireColumn.model_validate({"column": "q [deg]", "scale": 2.0}).factor == 2.0
+    assert WireColumn.model_validate("q [0]").unit is None

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
 
 from via_core.errors import ParameterError
-from via_core.recordings.units import factor, kind
+from via_core.recordings.units import factor, kind, split_unit
 from via_core.records import NotNegative, Number, Positive, Record, Text
 from via_core.signals import Array
 from via_core.wire import UNITS
@@ -172,7 +172,12 @@ class WireColumn(UnitColumn):
     @model_validator(mode="before")
     @classmethod
     def _from_header(cls, entry: Any) -> Any:
-        return {"column": entry} if isinstance(entry, str) else entry
+        """A name alone is a column. A unit in brackets in its name counts, unless unit or scale are stated."""
+        made = {"column": entry} if isinstance(entry, str) else entry
+        if not isinstance(made, dict) or made.keys() & {"unit", "scale"} or not isinstance(made.get("column"), str):
+            return made
+        _, unit = split_unit(made["column"])
+        return {**made, "unit": unit} if unit else made
 
     @property
     def turn(self) -> float:

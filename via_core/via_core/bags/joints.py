@@ -63,7 +63,7 @@ class StampReport:
         if not self.unread:
             return ""
         more = f" and {len(self.unread) - SHOWN} more" if len(self.unread) > SHOWN else ""
-        return f"; columns not read: {', '.join(self.unread[:SHOWN])}{more}: `via bag map` writes the entries for them"
+        return f"; columns not read: {', '.join(self.unread[:SHOWN])}{more}: `via bag map` shows what they may hold"
 
 
 class JointRecording(NamedTuple):

@@ -19,6 +19,7 @@ from via_core.devices import Device
 from via_core.errors import ParameterError, SignalError, ViaError
 from via_core.recordings.guess import guess_time
 from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
+from via_core.recordings.units import split_unit
 from via_core.recordings.unnamed import require_names
 from via_core.signals import Array, Indices, Signals
 from via_core.stamps import ordered
@@ -95,7 +96,7 @@ class _Source:
         found: dict[Channel, tuple[str, WireColumn]] = {}
         for table, frame in self.tables.items():
             for name in map(str, frame.columns):
-                parts = _CHANNEL.fullmatch(name)
+                parts = _CHANNEL.fullmatch(split_unit(name)[0])
                 if parts and name not in wanted and not (self.bag and "." not in name):
                     found.setdefault(_channel(parts), (table, WireColumn(column=name)))
         lacking = f"for the link's angle q of '{self.device.name}'"
@@ -172,7 +173,7 @@ class _Source:
         every = ((table, column) for table, frame in tables.items() for column in frame.columns)
         names = [f"{column} on {table}" if table else str(column) for table, column in every]
         there = ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
-        remedy = f"`via bag map {self.file}` shows what they may hold and writes the entries for wire.columns"
+        remedy = f"`via bag map {self.file}` shows what they may hold; name them under wire.columns of the device file"
         return SignalError(f"{self.file}: no column {what}; there are: {there or 'none'}; {remedy}")
 
 

@@ -24,7 +24,7 @@ from via_core.recordings.unit_guess import (
     unit_of_position,
     unit_of_velocity,
 )
-from via_core.recordings.units import COUNTS, factor, is_unit, kind
+from via_core.recordings.units import COUNTS, factor, is_unit, kind, split_unit
 from via_core.signals import Array
 
 if TYPE_CHECKING:
@@ -129,11 +129,8 @@ def guess_time(frame: DataFrame, bag: bool = False) -> TimeGuess | None:
 
 def split_name(name: str) -> tuple[list[str], str]:
     """Words of a column's name in lower case, numbers included, and the unit in it: 'q1_deg' -> ['q', '1'], 'deg'."""
-    unit = ""
-    in_brackets = re.search(r"[\[({]\s*([^\[\](){}]+?)\s*[\])}]\s*$", name)
-    if in_brackets and not in_brackets[1].isdigit() and is_unit(in_brackets[1]):
-        name, unit = name[: in_brackets.start()], in_brackets[1]
-    else:
+    name, unit = split_unit(name)
+    if not unit:
         tail = re.search(r"_((?:[a-zA-Z]+_per_)?[A-Za-z]+)$", name)
         written = {"nm": "N m", "nmm": "N mm", "mnm": "mN m", "a": "A", "ma": "mA", "v": "V", "n": "N"}
         rate = re.search(r"_([A-Za-z]+)_s$", name)  # speed_deg_s, as names cannot hold a slash

@@ -32,6 +32,7 @@ DIMENSIONS = {  # of joints that slide, and of what has no rad
     "torque": ("[length] ** 2 * [mass] / [time] ** 2", FORCE),
     "current": ("[current]",),
 }
+_BRACKETED = re.compile(r"(.*?)\s*[\[({]\s*([^\[\](){}]+?)\s*[\])}]\s*")
 _WRITTEN = re.compile(r"[A-Za-zµ°%_][A-Za-zµ0-9 _*/^.·°-]{0,39}|-|%|")
 
 
@@ -83,6 +84,14 @@ def is_unit(text: str) -> bool:
         return COUNTS.fullmatch(text) is not None or _unit(text) is not None
     except ParameterError:
         return False
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Name of a column without the unit in brackets at its end, and that unit: `q [deg]`. Without one, '' as unit."""
+    stated = _BRACKETED.fullmatch(name)
+    if stated is None or stated[2].isdigit() or not is_unit(stated[2]):  # an index, or a remark
+        return name, ""
+    return stated[1], stated[2]
 
 
 def is_linear(unit: str) -> bool:
