@@ -497,6 +497,8 @@ def test_an_error_in_fitted_segments_alone_is_a_gap():
     tuned = replace(even(1.0), fitted=pushed)
     assert not noise_only(tuned) and noise_only(replace(tuned, fitted=np.ones(SEGMENTS)))
     assert decide(tuned, [], reaching(1.0)).verdict == "cannot_tell"
+    single = replace(even(1.0), fitted=np.where(np.arange(SEGMENTS) < 1, 5.0 * SEGMENTS, 1.0))  # nothing explains it
+    assert not noise_only(single) and decide(single, [], reaching(1.0)).verdict == "no_gap"
     found = replace(even(0.99, BACKLASH), fitted=np.ones(SEGMENTS))
     assert not relevant(found, tuned, tuned) and relevant_anywhere(found, tuned, tuned)
     assert decide(tuned, [found], reaching(1.0)).named == (BACKLASH,)

@@ -35,7 +35,7 @@ def test_the_verdict_in_one_sentence(kind):
 def test_a_refused_log_says_why_and_what_to_do():
     report = report_of("refused")
     assert headline(report).endswith("neither commands nor torques.")
-    assert next_steps(report) == ("Correct what the data check reports (section 6), then record again.",)
+    assert next_steps(report) == ("Correct what the data check reports, then record again.",)
 
 
 def test_a_main_effect_says_in_which_motion_it_fails():
@@ -107,7 +107,9 @@ def test_a_main_effect_comes_with_what_is_left_and_where():
     )
     assert "The remaining error of the" in said and "is largest at" in said
     assert any("remaining error" in step for step in next_steps(report))
-    done = report.model_copy(update={"explained": 1.0})
+    reached = report.gap.model_copy(update={"bound": report.gap.after})
+    assert cautions(report.model_copy(update={"explained": 1.0}))[0].startswith("Another effect acts as well")
+    done = report.model_copy(update={"explained": 1.0, "gap": reached})
     assert cautions(done)[0].startswith("An error of 6 % remains, where sensor noise alone gives 1 %.")
     assert any("twice" in step for step in next_steps(done))
 

@@ -21,7 +21,7 @@ from via_gap.logs.log import JointLog
 
 OUTLYING = 3.0  # times the usual size
 ROUNDED = 1e-6  # of a tick: closer stamps are on its edge
-AT_ONCE = 0.01  # sampling periods: shorter delays are not mentioned
+AT_ONCE = 0.05  # sampling periods: shorter delays are not mentioned, because they are not known better
 LATE_TORQUES = "torques"  # signal of the finding that measured torques are late
 RATE = 1000.0  # [Hz] of the steps that approximate a line in a free simulation
 # Standard deviations of the mean delay of commands, in periods of the log, where the motion does not show it. Lines act
@@ -142,15 +142,12 @@ def lines_finding(log: JointLog) -> Finding:
     delay = f", {1e3 * late:.2g} ms late," if late > 0.0 else ""
     better = f"linear interpolation{delay} explains the motion clearly better than steps"
     if late > 0.0 and round(period_of(log) / (2.0 * late)) == 1:  # no command lies between two samples
-        text = (
-            f"{better} and is as late as steps at the rate of the log: no command is missing; interpolation averages "
-            "the noise of stamps and recorded values"
-        )
+        text = f"{better}. It is as late as steps at the rate of the log: no command is missing"
     elif late > 0.0:
         text = (
-            f"commands changed between the samples of the log: {better}. The controller has a period of "
-            f"{2e3 * late:.2g} ms, or commands are delayed by {1e3 * late:.2g} ms: record at the rate of the controller"
+            f"{better}: commands are delayed by {1e3 * late:.2g} ms, or those of a controller with a period of "
+            f"{2e3 * late:.2g} ms are missing; record every command"
         )
     else:
-        text = f"commands changed between the samples of the log: {better}: record at the rate of the controller"
+        text = f"{better}: commands between the samples are missing, or their noise is averaged; record every command"
     return log.finding("between samples", "commands", "note", 1e3 * late, text)

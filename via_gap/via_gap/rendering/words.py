@@ -115,17 +115,24 @@ def remainder(report: GapReport) -> str:
     if report.gap is None:
         return "Another effect acts as well."
     gap = report.gap
-    if report.explained >= NUMBERS.complete:
+    noise = f"sensor noise alone gives {percent(gap.floor)}"
+    if _achieved(report):
         said = (
-            f"An error of {percent(gap.after)} remains, where sensor noise alone gives {percent(gap.floor)}. A "
-            "flexible torque model, fitted to the same motion, explains no more of it."
+            f"An error of {percent(gap.after)} remains, where {noise}. A flexible torque model, fitted to the same "
+            "motion, explains no more of it."
         )
     else:
         said = (
             f"Another effect acts as well: an error of {percent(gap.after)} remains, where {percent(gap.bound)} is "
-            f"achievable and sensor noise alone gives {percent(gap.floor)}."
+            f"achievable and {noise}."
         )
     return f"{said}{_transfer(report)} {largest_error(report, 'remaining error')}".rstrip()
+
+
+def _achieved(report: GapReport) -> bool:
+    """Whether a flexible torque model leaves as much of the error as the named effects."""
+    gap = report.gap
+    return report.explained >= NUMBERS.complete and (gap is None or gap.bound >= NUMBERS.complete * gap.after)
 
 
 def largest_error(report: GapReport, name: str) -> str:
@@ -224,20 +231,23 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
         wish = f" ({listed(hows)})" if hows else ""
         said.append(f"Record a motion that separates the tied causes{wish}, then diagnose again with both logs.")
     elif report.verdict == "cannot_tell" and refused:
-        said.append("Correct what the data check reports (section 6), then record again.")
+        said.append("Correct what the data check reports, then record again.")
     elif report.verdict == "cannot_tell":
         said.append("Record again with larger and more varied motion, and repeat the motion; then diagnose all logs.")
     if names_causes(report):
         said.append("Load the repair below into the simulator, and compare it with a new log.")
     if report.part is not None:
         said.append(f"Find out what changed at {number(report.part.begin or report.part.end)} s.")
-    if report.verdict == "main_effect" and report.explained >= NUMBERS.complete:
-        said.append("Record the same motion twice: the difference between the two is the remaining error (section 4).")
+    if report.verdict == "main_effect" and _achieved(report):
+        said.append(
+            "Record the same motion twice: if the remaining error is the same in both, an effect outside the catalogue "
+            "causes it; if not, disturbances do."
+        )
     elif report.verdict == "main_effect":
-        said.append("Then look for the effect that causes the remaining error (section 4).")
+        said.append("Then look for the effect that causes the remaining error.")
     if report.verdict == "unknown":
         at = f", first at {where_words(report.where[0])}" if report.where else ""
-        said.append(f"Look for an effect outside the catalogue{at}: sections 2 and 4 show where the error is largest.")
+        said.append(f"Look for an effect outside the catalogue{at}.")
     if report.verdict == "no_gap" and report.nuisance:
         said.append("Simulate with the fitted parameters below, or enter the well-determined ones in the device file.")
     return tuple(said)

@@ -145,7 +145,7 @@ def decide(
     unnamed = partial(_unnamed, tuned, models)
     last = ladder(tuned, models)[-1]
     if last is tuned:
-        if noise_only(tuned):
+        if noise_only(tuned, most_of_all=NUMBERS.no_gap**2):  # single segments may err, if nothing explains them
             return Decision("no_gap", tuned, 1.0)
         if accepted(flexible_beside(tuned), tuned, tuned):
             return unnamed("unknown")
@@ -229,12 +229,12 @@ def no_gap(tuned: Evaluation) -> bool:
     return noise_only(tuned) and not tuned.fit.at_bound
 
 
-def noise_only(each: Evaluation) -> bool:
+def noise_only(each: Evaluation, most_of_all: float = NUMBERS.no_gap) -> bool:
     """Whether the error of a model is that of noise, within the uncertainty of the noise.
 
-    On held-out segments and on all: a push may lie in fitted ones alone.
+    On held-out segments, and up to the mean square `most_of_all` on all: a push may lie in fitted ones alone.
     """
-    return max(each.mean_square, each.on_all.mean_square) <= NUMBERS.no_gap
+    return each.mean_square <= NUMBERS.no_gap and each.on_all.mean_square <= most_of_all
 
 
 def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None = None) -> tuple[float, ...]:
