@@ -12,6 +12,9 @@ from via_gap.residual.segments import Segments, cut_log
 from via_gap.residual.unseen import OF_LINK, UnseenMotors
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import InitialConditions, simulate
 
 
 def without_motors(log):
@@ -105,9 +108,16 @@ def test_a_log_that_begins_in_motion_leaves_noise_beside_the_true_device():
     assert np.std(estimated) < 0.5 * np.std(raw)
 
 
-def test_the_segment_in_which_a_log_begins_is_not_used_with_an_unmeasured_motor():
-    """The link rests in it, but nothing is known of the motor."""
-    log = log_of(flexible(), (), seed=3, duration=8.0)
-    seen, unseen = cut_log(log), cut_log(without_motors(log))
-    assert seen.rests and unseen.rests
-    assert seen.valid[0] and not unseen.valid[0] and unseen.valid[1:].any()
+def test_a_motor_that_moves_while_the_link_still_rests_leaves_noise():
+    """The first segment is not used, and what its motor still does later counts as noise."""
+    log = log_of(flexible(), (), seed=3, duration=8.0, tolerance=0.0)
+    begin = np.array([0.0, 0.0, 0.0, 0.0, -1.5, 0.0])
+    sensors, start = Sensors.of_device(log.device), InitialConditions(begin, seed=3)
+    rate = log.device.sensors.rate
+    run = simulate(JointPlant.from_device(log.device), log.commands, 8.0, rate, sensors, start)
+    segments = cut_log(without_motors(replace(log, measured=run.measured)))
+    assert segments.rests and not segments.valid[0] and segments.valid[1]
+    assert cut_log(log).valid[0]  # with an encoder the start is known
+    problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
+    squares = problem.per_segment(problem.residual([problem.row([])])[0])
+    assert squares.max() < 4.0 and squares.mean() < 1.5

@@ -224,13 +224,10 @@ class Rollout:
     def _start_sd(self) -> Array:
         """(k, 6) prior standard deviations of the angle of each unseen motor when the log begins, and of its velocity.
 
-        Nothing is known but that a motor moves about as much as the link, and rests if the link does.
+        Nothing is known but that a motor moves about as much as the link. It may move while the link still rests.
         """
         travel, speed = np.nanstd(self.segments.start[:, [0, 3]], axis=0)
-        slots = [(k, travel) for k in self._unseen]
-        if not self.segments.rests:
-            slots += [(3 + k, speed) for k in self._unseen]
-        return np.array([size * UNIT[slot] for slot, size in slots])
+        return np.array([size * UNIT[at + k] for at, size in ((0, travel), (3, speed)) for k in self._unseen])
 
     def _with_estimated_start(self) -> Rollout:
         """The same with the most likely start of the unseen motors, from the errors of all segments."""
