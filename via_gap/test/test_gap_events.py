@@ -1,4 +1,4 @@
-"""What begins and ends at times of a run: each is seen in one segment, which is fitted, and all others say the rest."""
+"""What begins and ends at times of a run: few segments show it, and they are both fitted and held out."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -10,13 +10,17 @@ from gap_logs import log_of, rigid
 from gap_models import BACKLASH, COULOMB, STRIBECK, VISCOUS, evaluated
 from scipy.stats import ttest_1samp
 from via_core.signals import Array
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.diagnosis import diagnose
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import cut_log
 from via_gap.selection import reliability
 from via_gap.selection.confidence_set import confidence_set
 from via_gap.selection.evidence import (
     block_means,
     difference,
+    evaluate,
     freedom,
     least_difference,
     outdone_by,
@@ -341,3 +345,18 @@ def test_the_chosen_model_has_the_calibrated_width(monkeypatch):
     wide = report.causes[0].parameters["torque"]
     assert wide.value == narrow.value and wide.sd == pytest.approx(2.0 * narrow.sd)
     assert report.widened == twice.wider[report.verdict]
+
+
+def test_segments_on_both_sides_count_once_over_all_segments():
+    """Those with an event are fitted and held out."""
+    log = log_of(rigid(), (), seed=3)
+    segments = cut_log(log)
+    sides = (np.arange(1, 20), np.arange(15, 30))
+    fitted, held = (ResidualModel.of([segments], [side]) for side in sides)
+    base = Fit((), np.zeros(len(fitted.nuisances)), 0.0, fitted.residual([fitted.row(())])[0], np.empty((0, 0)))
+    (found,) = evaluate(held, [base], None, fitted)
+    everything = ResidualModel.of([segments], [np.arange(1, 30)])
+    assert np.array_equal(found.shared, np.arange(15, 30) < 20)
+    expected = everything.evidence(everything.residual([everything.row(())])[0])
+    np.testing.assert_allclose(found.on_all.segments, expected, rtol=1e-9)
+    assert len(found.on_all.on_all.segments) == len(expected) and len(found.segments) == 15

@@ -331,3 +331,13 @@ def test_no_equation_of_a_motor_contains_the_drive_of_the_other():
             for axis, drive in ((1, M1), (2, M2)):
                 np.testing.assert_array_equal(torques[M1, M2][:, axis], torques[(drive,)][:, axis], str(place))
     assert tried > 60
+
+
+def test_each_motor_is_measured_by_the_torque_of_its_own_drive():
+    model = model_of(antagonistic_log(()))
+    tenth = Effect("torque_gain", "motor", {"gain": 0.1}, 2)
+    before, after = missing(model), missing(model, tenth)
+    assert after[:2] == pytest.approx(before[:2], rel=1e-9) and after[2] > 5.0 * before[2]
+    row = model.row([tenth])
+    terms = equation_torques(row, model.views[0].windows.record, model.views[0].inside)
+    assert model.views[0]._passed(row, terms) == pytest.approx([1.0, 1.0, 0.1], rel=1e-6)

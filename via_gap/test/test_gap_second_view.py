@@ -98,10 +98,10 @@ def test_only_one_effect_that_explains_everything_stands_where_the_cause_is_unkn
 
 def test_a_diagnosis_whose_simulation_finds_no_model_asks_the_torques(monkeypatch):
     """Without a model compared by simulation, inverse dynamics names the cause; otherwise it is not asked."""
-    asked: list[str] = []
+    asked: list[tuple[str, int]] = []
 
     def without_simulation(experiment, candidates, progress, most):
-        asked.append(experiment.by)
+        asked.append((experiment.by, most))
         if experiment.by_equations:
             return compare_models(experiment, candidates, progress, most)
         return ModelComparison(experiment, candidates, [])
@@ -110,7 +110,7 @@ def test_a_diagnosis_whose_simulation_finds_no_model_asks_the_torques(monkeypatc
     shares = []
     monkeypatch.setattr(diagnosis, "compare_models", without_simulation)
     report = diagnose([log], log.device, progress=lambda _what, share: shares.append(share))
-    assert asked == ["segments", "inverse dynamics"] and shares == sorted(shares)
+    assert asked == [("segments", MOST), ("inverse dynamics", 1)] and shares == sorted(shares)
     assert [each.effect for each in report.effects] == ["coulomb_friction"] and report.gap.by == "inverse dynamics"
     assert report.causes[0].parameters["torque"].value == pytest.approx(0.03, rel=0.05)
     monkeypatch.undo()

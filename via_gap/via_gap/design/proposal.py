@@ -97,7 +97,7 @@ def tied(report: GapReport) -> tuple[Cause, ...]:
 def with_proposal(report: GapReport, device: Device) -> GapReport:
     """The report with a proposal, where causes are tied and a motion keeps within the limits.
 
-    `propose` also compares the likeliest causes of `cannot_tell`, if asked: no text of a report mentions the result.
+    `via gap propose` also compares the likeliest causes of `cannot_tell` without ties.
     """
     if not report.equivalence_set:
         return report

@@ -28,7 +28,7 @@ from via_gap.selection.evidence import Evaluation, predicts, vetoed
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.plausibility import doubt
 from via_gap.selection.search import MOST, Progress, Search
-from via_gap.selection.verdict import no_gap, noise_only
+from via_gap.selection.verdict import no_gap, noise_only, relevant, without_events
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,9 @@ def compare_models(
         candidates = candidates_of(experiment)
         models = _searched(experiment, candidates, progress, most)
     best = min(models, key=lambda each: each.on_all.score, default=experiment.tuned)
-    if experiment.folds is not None or not event_times(best.fit):
+    plain = without_events(best, models) or experiment.tuned
+    needed = relevant(best.on_all, plain.on_all, experiment.tuned.on_all)
+    if experiment.folds is not None or not event_times(best.fit) or not needed:
         return ModelComparison(experiment, candidates, models)
     everywhere = experiment.everywhere()
     sought = refine(everywhere, best.fit, best.fit.members, candidates.scales, FINISHING)

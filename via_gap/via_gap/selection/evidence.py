@@ -23,7 +23,7 @@ from functools import cache
 
 import numpy as np
 from scipy.stats import t as student_t
-from via_core.signals import Array, Indices
+from via_core.signals import Array, Indices, Mask
 
 from via_gap.candidates.fit import Fit
 from via_gap.residual.residual_model import ResidualModel
@@ -45,6 +45,7 @@ class Evaluation:
     other_view  (W,) mean squared whitened error of each segment in the other view; empty if it is not available
     fitted    (F,) that of each fitted segment; empty for cross-validation, where every segment is held out once, and
               for models that are not fitted
+    shared    (S,) whether a segment is among the fitted ones as well: it contains an event; empty if none is
     """
 
     fit: Fit
@@ -54,6 +55,7 @@ class Evaluation:
     whole: bool = False
     other_view: Array = field(default_factory=lambda: np.empty(0))
     fitted: Array = field(default_factory=lambda: np.empty(0))
+    shared: Mask = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
 
     @property
     def score(self) -> float:
@@ -81,8 +83,10 @@ class Evaluation:
 
     @property
     def on_all(self) -> Evaluation:
-        """The same fit with its error on the fitted and the held-out segments."""
-        return replace(self, segments=np.concatenate((self.fitted, self.segments)), fitted=np.empty(0))
+        """The same fit with its error on the fitted and the held-out segments, each once."""
+        only = self.segments[~self.shared] if self.shared.size and self.fitted.size else self.segments
+        none = np.empty(0, dtype=np.bool_)
+        return replace(self, segments=np.concatenate((self.fitted, only)), fitted=np.empty(0), shared=none)
 
     @property
     def in_other_view(self) -> Evaluation:
@@ -102,10 +106,20 @@ def evaluate(
     block = max(1, round(BLOCK * first.rate / first.ticks))
     seen = other.evidence(other.residual(rows)) if other is not None else np.empty((len(fits), 0))
     known = [fitted.evidence(fit.residual) if fitted is not None else np.empty(0) for fit in fits]
+    shared = _shared(held, fitted) if fitted is not None else np.empty(0, dtype=np.bool_)
     return [
-        Evaluation(fit, residual, held.evidence(residual), block, other_view=other_view, fitted=own)
+        Evaluation(fit, residual, held.evidence(residual), block, other_view=other_view, fitted=own, shared=shared)
         for fit, residual, other_view, own in zip(fits, residuals, seen, known, strict=True)
     ]
+
+
+def _shared(held: ResidualModel, fitted: ResidualModel) -> Mask:
+    """(S,) whether each held-out segment is fitted as well; empty if none is."""
+    of_log = {id(view.segments.log): view.chosen for view in fitted.views}
+    none: Indices = np.empty(0, dtype=np.intp)
+    both = [np.isin(view.chosen, of_log.get(id(view.segments.log), none)) for view in held.views]
+    found = np.concatenate(both)
+    return held.once_per_rest(found.astype(np.float64)) == 1.0 if found.any() else np.empty(0, dtype=np.bool_)
 
 
 def losses(each: Evaluation, reference: Evaluation) -> Array:

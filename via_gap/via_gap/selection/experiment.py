@@ -99,7 +99,7 @@ class Experiment:
         return self.by == "inverse dynamics"
 
     def around(self, events: Sequence[float]) -> Experiment:
-        """The same with finely alternating segments; those that contain one of `events` [s] are fitted."""
+        """The same with finely alternating segments; those at `events` [s] and their neighbours are on both sides."""
         train, held = split_finely(self.segments, events)
         return _experiment(self.segments, train, held, self.by_equations, self.fitted.robust)
 
@@ -141,8 +141,8 @@ class Experiment:
             return None
         made = _experiment(self.segments, self.train, self.held, equations=True)
         flexible = replace(made.tuned, segments=made.bound_of_equations(made.tuned.fit))
-        best = min(flexible, made.tuned, key=lambda each: each.score)  # a push disturbs the flexible model more
-        return None if significantly_worse(replace(best, fitted=np.empty(0)), made.baseline) else made
+        both = [replace(each, fitted=np.empty(0)) for each in (flexible, made.tuned)]  # a push may spoil the former
+        return None if all(significantly_worse(each, made.baseline) for each in both) else made
 
     def bound_of_equations(self, fit: Fit) -> Array:
         """(S,) mean squared whitened held-out missing torque that a flexible torque model beside a fit leaves."""
@@ -181,7 +181,8 @@ def _experiment(
     base = fit_device_parameters(fitted)
     filed = Fit((), np.zeros_like(base.offsets), 0.0, fitted.residual([fitted.row(())])[0], np.empty((0, 0)))
     nominal, tuned = evaluate(evaluated, [filed, base], other_view, fitted)
-    baseline = replace(_baseline(evaluated, tuned), fitted=fitted.evidence(fitted.baseline()))
+    own = fitted.evidence(fitted.baseline())
+    baseline = replace(_baseline(evaluated, tuned), fitted=own, shared=tuned.shared)
     by: By = "inverse dynamics" if equations else "segments"
     return Experiment(
         tuple(segments), tuple(train), tuple(held), by, fitted, evaluated, other_view, nominal, tuned, baseline

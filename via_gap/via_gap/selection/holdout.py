@@ -65,7 +65,7 @@ def split_finely(segments: Sequence[Segments], events: Sequence[float] = ()) -> 
     """Indices of fitted and of held-out segments in blocks of one segment: for effects that occur once in a log.
 
     events  [s since the logs began]; segments that contain one, and their neighbours, are on both sides: no other
-            segment shows its time, and of a short push no other one is left
+            segment shows its time, and a short push would leave no held-out segment that shows it
     """
     train, held = _by_blocks([np.flatnonzero(each.valid) for each in segments], [1] * len(segments))
     for i, each in enumerate(segments):

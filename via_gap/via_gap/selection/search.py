@@ -30,7 +30,7 @@ from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation, plainer, simplest
 from via_gap.selection.plausibility import absurd
-from via_gap.selection.verdict import improvable, relevant_anywhere
+from via_gap.selection.verdict import improvable, relevant
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on held-out data
@@ -95,7 +95,7 @@ class Search:
             step = simplest(found) if found else current
             if len(step.fit.effects) > size > 0:  # a smaller model may fit better from there than it did alone
                 self._evaluated(here._reduced(step.fit), models)
-            if not relevant_anywhere(step, current, self.tuned):
+            if not _relevant_anywhere(step, current, self.tuned):
                 break
             current = step  # what is not significantly better yet may become so with one more
         return list(models.values())
@@ -224,6 +224,14 @@ class Search:
             done = refine_all(self.whole, [(fit, fit.members) for fit in near], self.scales, FINISHING)
             found = [fit for fit in done if fit is not None]
         return found + richer(self.whole, found, self.candidates.equations, self.scales)
+
+
+def _relevant_anywhere(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
+    """Whether a model with more effects is better by a relevant amount, on held-out or on all segments.
+
+    A torque limit that only fitted recordings reach improves no held-out one, but a pair with it may.
+    """
+    return relevant(more, fewer, tuned) or relevant(more.on_all, fewer.on_all, tuned.on_all)
 
 
 def _forms(location: Location, values: Sequence[float]) -> Members:

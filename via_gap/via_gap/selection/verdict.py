@@ -143,9 +143,11 @@ def decide(
     if no_gap(tuned):
         return Decision("no_gap", tuned, 1.0)
     unnamed = partial(_unnamed, tuned, models)
+    if noise_only(tuned) and tuned.on_all.mean_square > NUMBERS.no_gap**2:
+        return unnamed("cannot_tell", "only segments to which the device parameters were fitted show an error")
     last = ladder(tuned, models)[-1]
     if last is tuned:
-        if noise_only(tuned, most_of_all=NUMBERS.no_gap**2):  # single segments may err, if nothing explains them
+        if noise_only(tuned):
             return Decision("no_gap", tuned, 1.0)
         if accepted(flexible_beside(tuned), tuned, tuned):
             return unnamed("unknown")
@@ -223,18 +225,17 @@ def _of_size(model: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation
 def no_gap(tuned: Evaluation) -> bool:
     """Whether the device leaves only noise with its parameters inside their tolerances.
 
+    Also over all segments, because a push may lie in fitted ones alone. There, single ones may err: the mean is known
+    to a factor less.
     The noise is known to a factor, but is the same for every model: where a parameter would go further, a model that
     is significantly better shows that an effect acts.
     """
-    return noise_only(tuned) and not tuned.fit.at_bound
+    return noise_only(tuned) and tuned.on_all.mean_square <= NUMBERS.no_gap**2 and not tuned.fit.at_bound
 
 
-def noise_only(each: Evaluation, most_of_all: float = NUMBERS.no_gap) -> bool:
-    """Whether the error of a model is that of noise, within the uncertainty of the noise.
-
-    On held-out segments, and up to the mean square `most_of_all` on all: a push may lie in fitted ones alone.
-    """
-    return each.mean_square <= NUMBERS.no_gap and each.on_all.mean_square <= most_of_all
+def noise_only(each: Evaluation) -> bool:
+    """Whether the error of a model is that of noise, within the uncertainty of the noise."""
+    return each.mean_square <= NUMBERS.no_gap
 
 
 def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None = None) -> tuple[float, ...]:
@@ -259,12 +260,12 @@ def accepted(more: Evaluation, fewer: Evaluation, tuned: Evaluation, models: Seq
 
     models  all; an event has to explain more than the same model without it, not only more than `fewer`
     """
-    if not relevant_anywhere(more, fewer, tuned):
+    if not relevant(more, fewer, tuned):
         return False
-    return significantly_worse(fewer, more) or outdone_by(_without_events(more, models) or fewer, more)
+    return significantly_worse(fewer, more) or outdone_by(without_events(more, models) or fewer, more)
 
 
-def _without_events(each: Evaluation, models: Sequence[Evaluation]) -> Evaluation | None:
+def without_events(each: Evaluation, models: Sequence[Evaluation]) -> Evaluation | None:
     """The one of `models` that lacks only the events of `each`; None if there is none, or `each` has no event."""
     effects = zip(each.fit.locations, each.fit.effects, strict=True)
     lasting = {location for location, effect in effects if not event_times(replace(each.fit, effects=(effect,)))}
@@ -283,15 +284,6 @@ def relevant(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
         if remaining or gain > NUMBERS.material * max(error(tuned) - 1.0, 0.0) > 0.0:
             return True
     return False
-
-
-def relevant_anywhere(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
-    """Whether a model with more effects is `relevant`, on held-out or on all segments.
-
-    A torque limit that only fitted recordings reach improves no held-out one, but a pair with it may. A push is in
-    fitted segments alone if it begins and ends in neighbouring ones.
-    """
-    return relevant(more, fewer, tuned) or relevant(more.on_all, fewer.on_all, tuned.on_all)
 
 
 def improvable(each: Evaluation, tuned: Evaluation) -> bool:
