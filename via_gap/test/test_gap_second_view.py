@@ -7,6 +7,7 @@ import pytest
 from gap_logs import flexible, log_of, positioned, rigid
 from via_core.signals import Signals
 from via_gap import diagnosis
+from via_gap.candidates.refinement import fit_on
 from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.residual.recordings import Recordings
@@ -82,6 +83,10 @@ def test_the_answer_stands_only_if_its_repair_lowers_the_simulated_error(simulat
     right, wrong = (replace(DRY, parameters={"torque": torque}) for torque in (0.03, 0.2))
     assert upheld(simulated, first, decision(torques, "main_effect", right))
     assert not upheld(simulated, first, decision(torques, "main_effect", wrong))
+    needless = Effect("quadratic_drag", "link", {"coefficient": 0.002})  # the friction beside it makes up for its error
+    both = decision(torques, "main_effect", right, needless)
+    (repaired,) = simulated.evaluate([fit_on(simulated.fitted, both.chosen.fit)])
+    assert repaired.on_all.score < simulated.tuned.on_all.score and not upheld(simulated, first, both)
     worse = replace(simulated, tuned=simulated.nominal)  # device parameters alone are no answer
     assert not upheld(worse, first, decision(simulated, "cannot_tell"))
 

@@ -6,13 +6,16 @@ the equation of its spring as it is. So if simulation names nothing, models are 
 
 That answer stands if simulation agrees:
 
-- the repair lowers the error of simulated segments as well;
+- the repair lowers the error of simulated segments as well, and so does each of its effects beside the others: a push
+  that dominates both views says nothing about what is named beside it;
 - if a flexible torque explains the simulated error that no effect explains (`unknown`), only one effect that explains
   everything refutes that: a main effect leaves it as unknown as before, and of several effects the flexible torque is
   the simpler explanation. So no further ones are searched.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 from via_gap.candidates.refinement import fit_on
 from via_gap.selection.experiment import Experiment
@@ -34,5 +37,7 @@ def upheld(experiment: Experiment, first: Decision, other: Decision) -> bool:
     """Whether simulation, which led to the decision `first`, supports what `other`, by inverse dynamics, names."""
     if not other.named or (first.verdict == "unknown" and other.verdict != "effect"):
         return False
-    (repaired,) = experiment.evaluate([fit_on(experiment.fitted, other.chosen.fit)])
-    return repaired.on_all.score < experiment.tuned.on_all.score
+    fit = other.chosen.fit
+    fewer = [replace(fit, effects=fit.effects[:i] + fit.effects[i + 1 :]) for i in range(len(fit.effects))]
+    repaired, *without = experiment.evaluate([fit_on(experiment.fitted, each) for each in (fit, *fewer)])
+    return all(repaired.on_all.score < each.on_all.score for each in (experiment.tuned, *without))
