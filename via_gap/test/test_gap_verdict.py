@@ -504,6 +504,22 @@ def test_an_error_in_fitted_segments_alone_is_no_cause_and_no_small_one_a_gap(he
         assert decision.verdict == ("no_gap" if small else "cannot_tell") and not decision.named
 
 
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_what_is_named_beside_an_event_has_to_show_elsewhere(everywhere):
+    """A push has another shape than that of the model; a torque limit may imitate the difference."""
+    at_push = np.arange(SEGMENTS) < 6
+    before = 9.0 if everywhere else 1.0
+    errors = [np.where(at_push, at, left) for at, left in ((4e4, before), (400.0, before), (9.0, 1.0))]
+    push = Location("external_torque", "environment", 0)
+    models = [
+        replace(evaluated(each, *places), shared=at_push, fitted=each)
+        for each, places in zip(errors, ((), (push,), (push, BACKLASH)), strict=True)
+    ]
+    assert accepted(models[1], models[0], models[0])
+    assert accepted(models[2], models[1], models[0]) == everywhere
+    assert len(models[1].apart.segments) == SEGMENTS - 6 and relevant(models[2], models[1], models[0])
+
+
 def test_noise_alone_is_a_gap_where_an_effect_takes_the_place_of_a_parameter_at_its_bound():
     tuned = at_bound(leaving(1.9))
     assert decide(tuned, [leaving(1.0, COULOMB)], reaching(1.0)).verdict == "effect"

@@ -89,6 +89,12 @@ class Evaluation:
         return replace(self, segments=np.concatenate((self.fitted, only)), fitted=np.empty(0), shared=none)
 
     @property
+    def apart(self) -> Evaluation:
+        """The same fit with its error on the held-out segments that are not fitted as well."""
+        only = self.segments[~self.shared] if self.shared.size else self.segments
+        return Evaluation(self.fit, self.residual, only, self.block, self.whole)
+
+    @property
     def in_other_view(self) -> Evaluation:
         """The same fit with its error in the other view."""
         return Evaluation(self.fit, self.other_view, self.other_view, self.block)

@@ -259,7 +259,12 @@ def accepted(more: Evaluation, fewer: Evaluation, tuned: Evaluation, models: Seq
     """Whether a model with more effects is significantly better than one with fewer, by a relevant amount.
 
     models  all; an event has to explain more than the same model without it, not only more than `fewer`
+
+    What is added beside an event has to show elsewhere: a push has another shape than that of the model, and other
+    effects imitate the difference.
     """
+    if fewer.shared.any() and event_times(fewer.fit):
+        more, fewer, tuned = more.apart, fewer.apart, tuned.apart
     if not relevant(more, fewer, tuned):
         return False
     return significantly_worse(fewer, more) or outdone_by(without_events(more, models) or fewer, more)
