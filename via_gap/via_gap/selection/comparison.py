@@ -23,6 +23,7 @@ from functools import partial
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import Fit, event_times
 from via_gap.candidates.refinement import FINISHING, refine
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.between import with_interpolation
 from via_gap.selection.evidence import Evaluation, predicts, vetoed
 from via_gap.selection.experiment import Experiment
@@ -74,18 +75,25 @@ def compare_models(
         candidates = candidates_of(experiment)
         models = _searched(experiment, candidates, progress, most)
     best = min(models, key=lambda each: each.on_all.score, default=experiment.tuned)
-    plain = without_events(best, models) or experiment.tuned
-    needed = relevant(best.on_all, plain.on_all, experiment.tuned.on_all)
-    if experiment.folds is not None or not event_times(best.fit) or not needed:
+    if experiment.folds is not None or not event_times(best.fit):
         return ModelComparison(experiment, candidates, models)
     everywhere = experiment.everywhere()
-    sought = refine(everywhere, best.fit, best.fit.members, candidates.scales, FINISHING)
-    times = event_times(sought or best.fit)
+    sought = refine(everywhere, best.fit, best.fit.members, candidates.scales, FINISHING) or best.fit
+    plain, tuned = (without_events(best, models) or experiment.tuned).fit, experiment.tuned.fit
+    if not relevant(*(_everywhere(everywhere, fit) for fit in (sought, plain, tuned))):
+        return ModelComparison(experiment, candidates, models)
+    times = event_times(sought)
     scales = candidates.scales
     if len(times) == 2:  # an initial value that the fitted segments alone might not provide
         scales = replace(scales, busy=((times[0], times[1]), *scales.busy))
     experiment, candidates = experiment.around(times), replace(candidates, scales=scales)
     return ModelComparison(experiment, candidates, _searched(experiment, candidates, progress, most))
+
+
+def _everywhere(everywhere: ResidualModel, fit: Fit) -> Evaluation:
+    """The evaluation of a fit on all segments."""
+    squares = everywhere.squares(fit.effects, fit.offsets)
+    return Evaluation(fit, squares, squares, 1)
 
 
 def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progress, most: int) -> list[Evaluation]:
