@@ -12,8 +12,10 @@ from via_gap.candidates.location import Location, locations
 from via_gap.candidates.refinement import TIME_STEPS
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.diagnosis import diagnose
+from via_gap.residual.recordings import Recordings
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
+from via_gap.selection import comparison
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.holdout import lopsided, one_sided, split, split_finely
 from via_sim.effects import Effect
@@ -149,3 +151,22 @@ def test_a_model_is_lopsided_by_its_errors_on_all_segments():
     assert not Experiment.lopsided(here, [useless, harmful])
     here.train, here.held = [np.arange(40), np.arange(0)], [np.arange(0), np.arange(40)]  # whole logs
     assert not Experiment.lopsided(here, [late])
+
+
+def test_whether_there_is_an_event_is_decided_on_all_segments(monkeypatch):
+    """Fitted to a part of a push, a model is worse than another one on held-out segments that hold the rest."""
+    push = {"torque": 0.3, "start": 3.1, "stop": 3.5}
+    log = log_of(rigid(), (Effect("external_torque", "environment", push),), seed=5, duration=10.0)
+    experiment = Experiment.of(Recordings.of([log], None, log.device).fitted, ())
+    tuned, around, asked = experiment.tuned, Experiment.around, []
+    late = Effect("external_torque", "environment", {**push, "start": 3.2})
+    drag = Effect("quadratic_drag", "link", {"coefficient": 1e-4})
+    event, other = experiment.evaluate([replace(tuned.fit, effects=(each,)) for each in (late, drag)])
+    event = replace(event, segments=1.1 * tuned.segments, fitted=np.ones(len(tuned.fitted)))
+    other = replace(other, segments=0.9 * tuned.segments, fitted=tuned.fitted)
+    assert other.score < event.score and event.on_all.score < other.on_all.score
+    monkeypatch.setattr(comparison, "_searched", lambda *_: [event, other])
+    monkeypatch.setattr(comparison, "with_interpolation", lambda *_: None)
+    monkeypatch.setattr(Experiment, "around", lambda self, times: asked.append(times) or around(self, times))
+    comparison.compare_models(experiment, comparison.candidates_of(experiment), lambda *_: None)
+    assert asked[-1] == pytest.approx((push["start"], push["stop"]), abs=0.01)

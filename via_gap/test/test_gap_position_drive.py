@@ -101,7 +101,8 @@ def test_a_feedforward_is_known_to_half_a_sample_at_best():
 
 
 @pytest.mark.parametrize(
-    ("late", "sd"), [(None, 0.5 / 1.96), (0.0, 0.5 / 1.96), (0.2, 0.3 / 1.96), (0.4, 0.5 / 12**0.5)]
+    ("late", "sd"),
+    [(None, 0.5 / 1.96), (0.0, 0.5 / 1.96), (0.2, 0.3 / 1.96), (0.4, 0.5 / 12**0.5), (-0.1, 0.5 / 12**0.5)],
 )
 def test_a_delay_is_not_known_by_what_is_left_of_half_a_period(late, sd):
     """Lines that act at once may stand for steps, which act late by half a period."""

@@ -15,7 +15,7 @@ from via_gap.selection.comparison import ModelComparison, compare_models
 from via_gap.selection.evidence import significantly_worse
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.search import MOST
-from via_gap.selection.second_view import largest, second_view, upheld
+from via_gap.selection.second_view import most_effects, second_view, upheld
 from via_gap.selection.verdict import Decision
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
@@ -98,7 +98,7 @@ def test_only_one_effect_that_explains_everything_stands_where_the_cause_is_unkn
     assert not upheld(simulated, first, decision(torques, "main_effect", DRY))
     cannot_tell = decision(simulated, "cannot_tell")
     assert upheld(simulated, cannot_tell, decision(torques, "several_effects", DRY))
-    assert largest(first) == 1 and largest(cannot_tell) == MOST > 1
+    assert most_effects(first) == 1 and most_effects(cannot_tell) == MOST > 1
 
 
 def test_a_diagnosis_whose_simulation_finds_no_model_asks_the_torques(monkeypatch):

@@ -518,6 +518,8 @@ def test_what_is_named_beside_an_event_has_to_show_elsewhere(everywhere):
     assert accepted(models[1], models[0], models[0])
     assert accepted(models[2], models[1], models[0]) == everywhere
     assert len(models[1].apart.segments) == SEGMENTS - 6 and relevant(models[2], models[1], models[0])
+    nothing_else = [replace(each, shared=np.ones(SEGMENTS, dtype=np.bool_)) for each in models]
+    assert not accepted(nothing_else[2], nothing_else[1], nothing_else[0])
 
 
 def test_noise_alone_is_a_gap_where_an_effect_takes_the_place_of_a_parameter_at_its_bound():

@@ -26,7 +26,7 @@ from via_gap.selection.comparison import candidates_of, compare_models
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.gap import Result, decide_and_measure
 from via_gap.selection.search import MOST, Progress
-from via_gap.selection.second_view import largest, second_view, upheld
+from via_gap.selection.second_view import most_effects, second_view, upheld
 from via_gap.selection.turn import part_of
 from via_gap.sensors.stamps import separate_delays, with_late_angle
 
@@ -77,7 +77,7 @@ def _result(recordings: Recordings, experiment: Experiment, notify: Progress) ->
     found = _decided(recordings, experiment, notify)
     if torques := second_view(experiment, found.decision):
         notify("comparing torques", 0.9)
-        other = _decided(recordings, torques, lambda _what, _share: None, largest(found.decision))
+        other = _decided(recordings, torques, lambda _what, _share: None, most_effects(found.decision))
         if upheld(experiment, found.decision, other.decision):
             return other
     return found

@@ -47,8 +47,9 @@ def delay_sd(problem: ResidualModel, locations: Sequence[Location]) -> Array:
     late = {"actuator_delay", "actuator_lag"} | ({"channel_skew"} if len(segments.axes) == 1 else set())
     period, lined = period_of(segments.log), segments.log.lined
     sd = STEPS_SD * period
-    if lined is not None:  # the rest of half a period, as far as lines are not late already; a fitted shift has none
-        sd = max(sd - abs(lined) * STEPS_SD / 0.5, LATE_SD * period)
+    if lined is not None:  # what is left of half a period; nothing if torques were shifted forward
+        left = STEPS_SD * (period - 2.0 * lined) if lined >= 0.0 else 0.0
+        sd = max(left, LATE_SD * period)
     sds = dict.fromkeys(late, sd)
     servo = problem.device.servo
     if servo is not None and servo.kd > 0.0:

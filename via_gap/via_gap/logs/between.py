@@ -149,5 +149,5 @@ def lines_finding(log: JointLog) -> Finding:
             f"{2e3 * late:.2g} ms are missing; record every command"
         )
     else:
-        text = f"{better}: commands between the samples are missing, or their noise is averaged; record every command"
+        text = f"{better}: commands between the samples are missing, or lines average their noise; record every command"
     return log.finding("between samples", "commands", "note", 1e3 * late, text)

@@ -56,7 +56,7 @@ def compare_models(
 ) -> ModelComparison:
     """Models of at most `most` effects that explain the gap, compared on held-out segments.
 
-    None if the tuned device leaves only noise.
+    There are no models if the tuned device leaves only noise.
     """
     if not noise_only(experiment.tuned):
         lines = with_interpolation(experiment, experiment.tuned, candidates.scales)

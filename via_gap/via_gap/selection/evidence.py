@@ -91,8 +91,7 @@ class Evaluation:
     @property
     def apart(self) -> Evaluation:
         """The same fit with its error on the held-out segments that are not fitted as well."""
-        only = self.segments[~self.shared] if self.shared.size else self.segments
-        return Evaluation(self.fit, self.residual, only, self.block, self.whole)
+        return Evaluation(self.fit, self.residual, self.segments[~self.shared], self.block)
 
     @property
     def in_other_view(self) -> Evaluation:

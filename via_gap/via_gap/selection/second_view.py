@@ -28,7 +28,7 @@ def second_view(experiment: Experiment, decision: Decision) -> Experiment | None
     return experiment.compared_by_equations() if decision.verdict in UNNAMED else None
 
 
-def largest(decision: Decision) -> int:
+def most_effects(decision: Decision) -> int:
     """Most effects of an answer by inverse dynamics beside the decision by simulation."""
     return 1 if decision.verdict == "unknown" else MOST
 
