@@ -504,6 +504,7 @@ def test_an_error_in_fitted_segments_alone_is_no_cause_and_no_small_one_a_gap(he
         assert decision.verdict == ("no_gap" if small else "cannot_tell") and not decision.named
 
 
+@pytest.mark.filterwarnings("error")  # of means of nothing
 @pytest.mark.parametrize("everywhere", [True, False])
 def test_what_is_named_beside_an_event_has_to_show_elsewhere(everywhere):
     """A push has another shape than that of the model; a torque limit may imitate the difference."""
